@@ -114,6 +114,12 @@ class WornOut(RigError):
     exit_code = 4
 
 
+class Changed(RigError):
+    """A rig is not as its reference, and was to pass a gate. Nothing has failed."""
+
+    exit_code = 3
+
+
 class Stopped(RigError):
     """The operator asked for a stop. The motor is off; what was recorded until then is kept."""
 

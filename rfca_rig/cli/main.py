@@ -30,6 +30,7 @@ from rfca_rig.cli.commands import (
     init,
     predict,
     prove,
+    reference,
     report,
     runs,
     sweep,
@@ -78,6 +79,7 @@ app.add_typer(fatigue.app, name="fatigue", cls=CommandGroup)
 app.add_typer(twin.app, name="twin", cls=CommandGroup)
 app.add_typer(calibrate.app, name="calibrate", cls=CommandGroup)
 app.add_typer(export.app, name="export", cls=CommandGroup)
+app.add_typer(reference.app, name="reference", cls=CommandGroup)
 app.add_typer(datasets.app, name="datasets", cls=CommandGroup)
 app.command("init", cls=Command)(init.init)
 app.command("import", cls=Command)(export.import_folder)
@@ -125,7 +127,7 @@ def _options(
 
 
 def run() -> None:
-    """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped, 4 worn out, 130
+    """Entry point. Exit codes: 0 done, 1 failed, 2 bad input, 3 tripped or changed, 4 worn out, 130
     stopped.
     """
     _prepare_process()

@@ -70,12 +70,14 @@ Offer = Callable[[str], Iterable[str]]
 
 
 def effect_names() -> list[str]:
-    """Effects of legs and mechanisms, and of the lab's own folder, where an effect's file has its
-    name.
+    """Effects of legs and mechanisms, changes of values, and effects of the lab's own folder, where
+    an effect's file has its name.
     """
     from rfca_rig.model.declarations import LEG, MECHANISM
+    from rfca_rig.model.declarations.changes import CHANGES
 
-    of_package = (declaration.id for declaration in (*LEG, *MECHANISM))
+    declared = (*LEG, *MECHANISM, *CHANGES.values())
+    of_package = (declaration.id for declaration in declared)
     of_lab = _stems(filter(None, (os.environ.get("RFCA_RIG_EFFECTS"),)), "*.py")
     return sorted({*of_package, *of_lab})
 

@@ -138,7 +138,7 @@ Pace = Annotated[
 GROUPS = {
     "Measure": ("plan", "dynamic", "static", "fatigue", "resume"),
     "Look": ("runs", "view", "trip"),
-    "Understand": ("report", "fit", "diagnose", "crosscheck", "prove"),
+    "Understand": ("report", "fit", "diagnose", "reference", "crosscheck", "prove"),
     "Design": ("predict", "strip", "sweep"),
     "Set up": ("doctor", "calibrate", "contract", "twin"),
     "Files": ("init", "import", "export", "datasets", "check", "recover", "schema"),

@@ -15,8 +15,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.diagnosis.config import SearchConfig
+from rfca_rig.diagnosis.data import Observations
 from rfca_rig.diagnosis.decision.decide import Decision
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress
@@ -150,6 +154,13 @@ class RecordingPair:
         The solution from a finding in the observations of the recordings.
     clear_proposal
         Removes the files of an experiment that an earlier diagnosis proposed.
+    name_commands
+        What must agree between two rows that belong together, beside their time.
+    is_one_recording
+        Whether the conditions of the recordings are parts of one, so that what differs from one
+        recording to the next differs in all of them.
+    conditions
+        How many conditions of the recordings count for a verdict.
     """
 
     new: Dataset
@@ -160,6 +171,9 @@ class RecordingPair:
     config: SearchConfig
     solve: Callable[[DecidedSearch], "Solution"]
     clear_proposal: FileWriter
+    name_commands: Callable[[Observations], NDArray[np.str_]]
+    is_one_recording: bool
+    conditions: int
 
 
 class Solution(ABC):
@@ -220,11 +234,9 @@ class Problem(ABC):
         model cannot be simulated.
         """
 
+    @abstractmethod
     def pair_with(
-        self,
-        reference: "Problem",  # noqa: ARG002
-        without: Collection[str],  # noqa: ARG002
-        progress: Progress,  # noqa: ARG002
+        self, reference: "Problem", without: Collection[str], progress: Progress
     ) -> RecordingPair:
         """These recordings and a reference in rows that can be compared, for the effects but those
         of the ids `without`.
@@ -232,7 +244,6 @@ class Problem(ABC):
         Raises BadInput where that cannot be done, SimulationFailed where the nominal model cannot
         be simulated.
         """
-        raise BadInput("--reference: compares recordings of a mechanism; leave it out for a leg")
 
     def list_runs(self) -> Sequence[Any]:
         """The recordings (`recording.model.Recording`), where this program can run experiments on

@@ -39,6 +39,7 @@ from rfca_rig.diagnosis.result import (
     name_parts,
 )
 from rfca_rig.model.catalogue import list_effects_like
+from rfca_rig.model.declarations.changes import VALUE_OF_CHANGE
 from rfca_rig.model.effect import Effect
 from rfca_rig.model.parameters import PresentEffect
 
@@ -266,12 +267,15 @@ def not_enough_data(found: ModelSelectionResult, why: str) -> Decision:
 
 
 def present_effects(hypothesis: Hypothesis) -> tuple[PresentEffect, ...]:
-    """The effects of a hypothesis with the values found."""
+    """The effects of a hypothesis with the values found. A value that has changed is no effect of
+    the rig: it is among the rig's own values.
+    """
     coordinates = hypothesis.fitted.coordinates
     mean = hypothesis.marginal.posterior.mean
     return tuple(
         choice.present(mean[coordinates.part(number)])
         for number, choice in enumerate(coordinates.choices)
+        if choice.effect.id not in VALUE_OF_CHANGE
     )
 
 

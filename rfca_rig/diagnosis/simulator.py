@@ -50,6 +50,11 @@ class SimulatorInput(Protocol):
         """
         ...
 
+    @property
+    def unchanged(self) -> Self | None:
+        """The same before values changed since a reference; None where none has."""
+        ...
+
 
 class ConditionData(Protocol):
     """One condition of an experiment, as it was recorded."""

@@ -22,6 +22,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model import effects
 from rfca_rig.model.bench_tests import BENCH_TESTS
 from rfca_rig.model.declarations import LEG, MECHANISM
+from rfca_rig.model.declarations.changes import CHANGES
 from rfca_rig.model.effect import Declaration, Effect
 from rfca_rig.model.families import FAMILIES, FAMILIES_OF_VALUES, Family
 from rfca_rig.model.motion import ShaftMotion
@@ -173,7 +174,7 @@ def resolve_effect(present: PresentEffect) -> tuple[Effect, dict[str, float]]:
 
 
 def declarations() -> tuple[Declaration, ...]:
-    """Declarations of all effects: of legs, of mechanisms and of the lab's own.
+    """Declarations of all effects: of legs, of mechanisms, changed values, and the lab's own.
 
     Two have the same id where two simulators have the effect, or where a lab's effect replaces one
     of the package's. What one of them states of the id holds.
@@ -183,7 +184,8 @@ def declarations() -> tuple[Declaration, ...]:
 
 @cache
 def _declarations(folder: str | None) -> tuple[Declaration, ...]:
-    return (*LEG, *MECHANISM, *(effect for effect, _ in _lab_effects(folder).values()))
+    of_lab = (effect for effect, _ in _lab_effects(folder).values())
+    return (*LEG, *MECHANISM, *CHANGES.values(), *of_lab)
 
 
 def list_effects_like(values: Iterable[str]) -> frozenset[str]:

@@ -205,7 +205,7 @@ def diagnose(
     without: Sequence[str] = (),
     law_at: str = "",
     as_is: bool = False,
-    reference: Source | None = None,
+    reference: Source | Sequence[Source] | None = None,
     progress: bool = True,
 ) -> DiagnosisResult:
     """Say which physics the model of recordings lacks, with size and probability.
@@ -222,7 +222,8 @@ def diagnose(
         Take values that are probably in another unit or of another sign; otherwise they are refused
         with a guess.
     reference
-        Earlier recordings of the same mechanism; the answer is then what has changed since.
+        Earlier recordings of the same rig, of a leg one or several; the answer is then what has
+        changed since.
     progress
         Show a bar, where tqdm is installed.
 
@@ -235,7 +236,8 @@ def diagnose(
     """
     problem = _open_problem(sources, as_is)
     if reference is not None:
-        problem = add_reference(problem, _open_problem((reference,), as_is))
+        earlier = (reference,) if isinstance(reference, Source) else tuple(reference)
+        problem = add_reference(problem, _open_problem(earlier, as_is))
     with show_progress("diagnosis", progress) as move:
         return DiagnosisResult(diagnose_problem(problem, move, without, law_at).diagnosis)
 

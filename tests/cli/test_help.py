@@ -17,6 +17,7 @@ from rfca_rig.cli.options import GROUPS
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.exam.cases import KINDS
 from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.declarations.changes import VALUE_OF_CHANGE
 from tests.cli.test_eighty_columns import ROOT, every_command
 from tests.cli.typed import typed
 
@@ -118,11 +119,15 @@ def test_closed_sets_stand_in_the_help(monkeypatch, capsys):
 def test_lists_hold_every_name_that_the_commands_take(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
     effects = typed(monkeypatch, capsys, "diagnose", "--list").out
+    effects, _, changes = effects.partition("\n\nOf a leg beside a reference")
     of_leg, _, of_mechanisms = effects.partition("\n\nOf mechanisms and pendulums")
     assert re.findall(r"^(\S+)", of_leg, re.MULTILINE) == sorted(catalogue())
     _, *lines = of_mechanisms.splitlines()
     listed = re.findall(r"^(\S+)", "\n".join(lines), re.MULTILINE)
     assert listed == sorted(names.mechanism_effect_names())
+    _, *lines = changes.splitlines()
+    listed = re.findall(r"^(\S+)", "\n".join(lines), re.MULTILINE)
+    assert listed == sorted(VALUE_OF_CHANGE)
     files = typed(monkeypatch, capsys, "plan", "--list").out
     assert set(re.findall(r"^  (\S+)", files, re.MULTILINE)) == {
         *names.file_names("protocols"),

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import pytest
 
+from tests.cli.test_eighty_columns import SMALL
 from tests.cli.typed import typed
 from tests.mechanism import servo as servos
 
@@ -94,9 +95,10 @@ def test_other_signals_than_those_of_the_reference_are_refused(say, two_days):
     assert "its signals are" in " ".join(said.err.split())
 
 
-def test_a_leg_has_no_reference(say, two_days):
-    from tests.cli.test_eighty_columns import SMALL
-
+def test_a_leg_is_not_compared_with_a_mechanism(say, two_days):
     said = say("diagnose", SMALL, "--reference", "before")
     assert said.exit_code == 2
-    assert "--reference: compares recordings of a mechanism" in " ".join(said.err.split())
+    assert "--reference: name recordings of the same leg" in " ".join(said.err.split())
+    said = say("diagnose", "after", "--reference", SMALL)
+    assert said.exit_code == 2
+    assert "--reference: name recordings of the same mechanism" in " ".join(said.err.split())

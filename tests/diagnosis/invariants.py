@@ -12,6 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from rfca_rig.diagnosis.config import IDENTIFIED_PROBABILITY
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Rival, describe_probability
 from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.declarations.changes import VALUE_OF_CHANGE
 
 NAMED_GRADES = ("identified", "mostly")
 STATED_GRADES = (*NAMED_GRADES, "family")
@@ -98,8 +99,10 @@ def _check_grade(diagnosis: Diagnosis) -> Iterator[str]:
         yield "The grade is 'family', but no family is stated."
     if grade not in STATED_GRADES and diagnosis.family is not None:
         yield f"The grade is {grade!r}, but the family {diagnosis.family.id} is stated."
-    if stated - written:
-        yield f"The effects {_join(stated - written)} are stated, but the fitted model lacks them."
+    # A value that has changed stands in the model as that value.
+    lacking = stated - written - VALUE_OF_CHANGE.keys()
+    if lacking:
+        yield f"The effects {_join(lacking)} are stated, but the fitted model lacks them."
     if grade not in STATED_GRADES and written:
         yield f"The grade is {grade!r}, but the fitted model has {_join(written)}."
 

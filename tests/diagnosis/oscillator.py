@@ -32,6 +32,7 @@ class Oscillator:
     friction_N: float = 0.0
     drag_N_s2_per_m2: float = 0.0
     effects: tuple[PresentEffect, ...] = ()
+    unchanged = None
     rig = None  # asked for only where an effect is counted from a value of the leg
 
     def with_effects(self, effects):

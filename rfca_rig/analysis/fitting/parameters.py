@@ -4,13 +4,14 @@ start angle of the shaft.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.space import FitParameter, Prior
 from rfca_rig.errors import BadInput
+from rfca_rig.model.declarations.changes import VALUE_OF_CHANGE
 from rfca_rig.model.parameters import PresentEffect, RigModel
 from rfca_rig.suggestions import suggestion
 
@@ -21,16 +22,40 @@ Floats = NDArray[np.float64]
 class ModelPoint:
     """Values that one simulation uses: a rig, the true height of the rack above the stated one, the
     angle by which the encoder reads too little, and the delay of the drive behind its command.
+
+    `unchanged` is the same before values changed since a reference; None where none has.
     """
 
     rig: RigModel
     height_offset_m: float = 0.0
     turn_offset_rad: float = 0.0
     command_delay_s: float = 0.0
+    unchanged: "ModelPoint | None" = None
 
-    def with_effects(self, effects: tuple[PresentEffect, ...]) -> Self:
-        """The same with these effects added to those of the rig."""
-        return replace(self, rig=replace(self.rig, effects=(*self.rig.effects, *effects)))
+    def with_effects(self, effects: tuple[PresentEffect, ...]) -> "ModelPoint":
+        """The same with these effects added to those of the rig, and with these changes of values
+        made.
+        """
+        point = self
+        added = []
+        for effect in effects:
+            if effect.id in VALUE_OF_CHANGE:
+                point = _change_value(point, effect)
+            else:
+                added.append(effect)
+        if point is not self:
+            point = replace(point, unchanged=self)
+        return replace(point, rig=replace(point.rig, effects=(*point.rig.effects, *added)))
+
+
+def _change_value(point: ModelPoint, effect: PresentEffect) -> ModelPoint:
+    """The point with the value of one parameter changed since a reference."""
+    parameter = PARAMETERS[VALUE_OF_CHANGE[effect.id]]
+    before = parameter.read(point)
+    ((_, size),) = effect.values
+    if parameter.relative:
+        return parameter.write(point, before * size)
+    return parameter.write(point, before + size)
 
 
 def _of_leg(

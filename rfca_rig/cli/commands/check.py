@@ -10,6 +10,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 import typer
 
 from rfca_rig.cli.options import AllowOutside, Json
+from rfca_rig.cli.since_reference import (
+    Gate,
+    SinceReference,
+    compare_with_set_reference,
+    pass_gate,
+)
 from rfca_rig.cli.terminal import echo
 from rfca_rig.errors import BadInput
 
@@ -30,10 +36,11 @@ def check(
         ),
     ],
     allow_outside: AllowOutside = False,
+    gate: Gate = False,
     as_json: Json = False,
 ) -> None:
     """Check a run on disk: every file by its hash, every stage by its counts, a line each. Exit
-    code 2 where one is damaged.
+    code 2 where one is damaged. Where its rig has a reference (reference set): what has changed.
 
     Of a campaign from elsewhere (campaign.toml): values that are probably in another unit or of the
     other sign.
@@ -58,11 +65,11 @@ def check(
     if folder.is_file():
         _check_file(folder, as_json)
     elif (folder / CAMPAIGN).is_file():
-        _check_campaign(folder, allow_outside, as_json)
+        _check_campaign(folder, allow_outside, gate, as_json)
     elif experiment_among([folder]) is not None:
-        _check_experiment(folder, allow_outside, as_json)
+        _check_experiment(folder, allow_outside, gate, as_json)
     else:
-        _check_run(folder, as_json)
+        _check_run(folder, gate, as_json)
 
 
 def _check_file(path: Path, as_json: bool) -> None:
@@ -135,8 +142,8 @@ def _check_rig(path: Path) -> tuple[str, int]:
     return f"{rig.source} rig file, {rig.rig.title}; {devices}", usual
 
 
-def _check_run(run: Path, as_json: bool) -> None:
-    """Checks every file of a run."""
+def _check_run(run: Path, is_gate: bool, as_json: bool) -> None:
+    """Checks every file of a run, and where all are sound, compares it with its reference."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.recording.checking import check_run, describe_damage
 
@@ -155,28 +162,50 @@ def _check_run(run: Path, as_json: bool) -> None:
                 if finding.is_sound:
                     state = "ok     "
                 echo(f"{state} {finding.file}: {finding.words}")
+    is_sound = all(finding.is_sound for finding in findings)
+    answer = None
+    if is_sound:
+        answer = compare_with_set_reference(run, is_gate, as_json)
     if as_json:
         rows = [
             {"file": finding.file, "sound": finding.is_sound, "found": finding.words}
             for finding in findings
         ]
-        echo(json.dumps({"run": str(run), "files": rows}, indent=1))
-    if not all(finding.is_sound for finding in findings):
+        _print_json({"run": str(run), "files": rows}, answer)
+    if not is_sound:
         raise BadInput(describe_damage(run, findings))
+    _say_since_reference(answer, is_gate, as_json)
 
 
-def _check_campaign(folder: Path, allow_outside: bool, as_json: bool) -> None:
-    """A campaign from elsewhere: whether it can be read, and whether its values are plausible
-    beside each other.
+def _print_json(found: dict[str, Any], answer: SinceReference | None) -> None:
+    """Print what was found, with the comparison with the reference where there is one."""
+    if answer is not None:
+        found = {**found, "since_reference": answer.plain()}
+    echo(json.dumps(found, indent=1))
+
+
+def _say_since_reference(answer: SinceReference | None, is_gate: bool, as_json: bool) -> None:
+    """Print what has changed since the reference. Raises Changed for a gate."""
+    if answer is not None and not as_json:
+        echo(answer.line(), err=True)
+    pass_gate(answer, is_gate)
+
+
+def _check_campaign(folder: Path, allow_outside: bool, is_gate: bool, as_json: bool) -> None:
+    """A campaign from elsewhere: whether it can be read, whether its values are plausible beside
+    each other, and how it compares with its reference.
     """
     from rfca_rig.campaign.plausibility import find_slips
     from rfca_rig.campaign.reading import read_campaign
 
     recording = read_campaign(folder, allow_outside=allow_outside)
     slips = find_slips(recording)
+    answer = None
+    if not slips:
+        answer = compare_with_set_reference(folder, is_gate, as_json)
     if as_json:
         rows = [{"where": slip.where, "found": slip.words} for slip in slips]
-        echo(json.dumps({"campaign": str(folder), "slips": rows}, indent=1))
+        _print_json({"campaign": str(folder), "slips": rows}, answer)
     else:
         for slip in slips:
             echo(f"WARNING {slip.where}: {slip.words}")
@@ -193,10 +222,13 @@ def _check_campaign(folder: Path, allow_outside: bool, as_json: bool) -> None:
             ),
             err=True,
         )
+    _say_since_reference(answer, is_gate, as_json)
 
 
-def _check_experiment(folder: Path, allow_outside: bool, as_json: bool) -> None:
-    """Checks recordings of a mechanism, with its model."""
+def _check_experiment(folder: Path, allow_outside: bool, is_gate: bool, as_json: bool) -> None:
+    """Checks recordings of a mechanism, with its model, and where they can be used, compares them
+    with their reference.
+    """
     from rfca_rig.cli.terminal import print_lines
     from rfca_rig.diagnosis.mechanisms.check import check_experiment
 
@@ -221,16 +253,20 @@ def _check_experiment(folder: Path, allow_outside: bool, as_json: bool) -> None:
                 print_lines([f"{state} {line.about} {line.name}: {line.words}"], indent=" " * 8)
     except BadInput as error:
         refused = error
+    answer = None
+    if refused is None:
+        answer = compare_with_set_reference(folder, is_gate, as_json)
     if as_json:
-        answer = {"experiment": str(folder), "usable": refused is None, "lines": rows}
+        found = {"experiment": str(folder), "usable": refused is None, "lines": rows}
         if refused is not None:
-            answer["refused"] = str(refused)
-        echo(json.dumps(answer, indent=1))
+            found["refused"] = str(refused)
+        _print_json(found, answer)
     if refused is not None:
         raise refused
     if not as_json:
         warnings = sum(bool(row["warning"]) for row in rows)
         echo(f"{folder}: can be used; {warnings} warning{'' if warnings == 1 else 's'}", err=True)
+    _say_since_reference(answer, is_gate, as_json)
 
 
 def _size_MB(path: Path) -> float:

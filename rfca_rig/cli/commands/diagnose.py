@@ -139,12 +139,13 @@ def _in_words(answer: dict[str, Any]) -> str:
 
 
 def _list_effects(wanted: bool) -> None:
-    """The effects of legs, and those of mechanisms, with what each is."""
+    """The effects of legs, those of mechanisms, and changes of values, with what each is."""
     if not wanted:
         return
     from rfca_rig.cli.terminal import print_lines
     from rfca_rig.model.catalogue import catalogue
     from rfca_rig.model.declarations import MECHANISM
+    from rfca_rig.model.declarations.changes import CHANGES
 
     def describe(effects: Iterable["Declaration"]) -> list[str]:
         return [
@@ -155,6 +156,8 @@ def _list_effects(wanted: bool) -> None:
     print_lines(describe(catalogue().values()), indent=" " * 30)
     print_lines(["", "Of mechanisms and pendulums, as far as the model has a place for them:"])
     print_lines(describe(MECHANISM), indent=" " * 30)
+    print_lines(["", "Of a leg beside a reference (--reference), as far as [known_to] has them:"])
+    print_lines(describe(CHANGES.values()), indent=" " * 30)
     raise typer.Exit
 
 
@@ -212,11 +215,12 @@ def diagnose(
         ),
     ] = False,
     reference: Annotated[
-        Path | None,
+        list[Path] | None,
         typer.Option(
             "--reference",
             metavar="OLD",
-            help="Earlier recordings of the same mechanism: find what has changed since then.",
+            help="Earlier recordings of the same rig: find what has changed since then; runs of "
+            "one leg may be several.",
         ),
     ] = None,
     law: Annotated[
@@ -256,9 +260,7 @@ def diagnose(
     from rfca_rig.reports.provenance import command_line
 
     without_words = [word for effect in without or () for word in ("--without", effect)]
-    since: list[str | Path] = []
-    if reference is not None:
-        since = ["--reference", reference]
+    since: list[str | Path] = [word for path in reference or () for word in ("--reference", path)]
     other_words = [*since, *(["--law", law] if law else []), *(["--as-is"] if as_is else [])]
     asked = DiagnoseOptions(
         out,
@@ -269,7 +271,7 @@ def diagnose(
     )
     printing = Printing(pdf)
     _check_options(each, close_the_loop, law, pdf)
-    _check_reference(reference, each, close_the_loop)
+    _check_reference(bool(reference), each, close_the_loop)
     if each and not close_the_loop:
         # Otherwise each diagnosis would refuse the name for itself, after it has read recordings.
         check_known_of_any_rig(asked.without)
@@ -288,8 +290,8 @@ def diagnose(
             "or --close-the-loop, stays here"
         )
     problem = open_problem(paths, as_is, allow_outside)
-    if reference is not None:
-        problem = add_reference(problem, open_problem([reference], as_is, allow_outside))
+    if reference:
+        problem = add_reference(problem, open_problem(reference, as_is, allow_outside))
     if not close_the_loop:
         diagnosis = diagnose_and_write(problem, asked)
     else:
@@ -329,11 +331,11 @@ def _check_options(each: bool, close_the_loop: bool, law: str, pdf: bool) -> Non
         )
 
 
-def _check_reference(reference: Path | None, each: bool, close_the_loop: bool) -> None:
+def _check_reference(has_reference: bool, each: bool, close_the_loop: bool) -> None:
     """Raises BadInput for a reference beside an option that does not use it."""
     from rfca_rig.errors import BadInput
 
-    if reference is not None and (each or close_the_loop):
+    if has_reference and (each or close_the_loop):
         raise BadInput(
             "--reference is that of one diagnosis; leave out --each and --close-the-loop"
         )

@@ -62,6 +62,7 @@ from rfca_rig.diagnosis.result import (
     Verdict,
 )
 from rfca_rig.model.catalogue import families_of, list_related, members_of
+from rfca_rig.model.declarations.changes import VALUE_OF_CHANGE
 from rfca_rig.model.families import Family
 
 UNKNOWN = ("unknown",)
@@ -444,7 +445,8 @@ def _families_of_best(comparison: Comparison) -> dict[str, Family]:
     tried = _list_tried(comparison)
     suitable = {}
     for name, family in known.items():
-        members = members_of(name)
+        # A changed value is a candidate only beside a reference.
+        members = members_of(name) - (VALUE_OF_CHANGE.keys() - tried)
         if 3 * len(members & tried) >= len(members):
             suitable[name] = family
     return suitable or known

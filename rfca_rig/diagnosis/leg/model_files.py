@@ -12,6 +12,7 @@ from rfca_rig.description.model_file import FoundEffect, write_model
 from rfca_rig.diagnosis.residual_force.law import MeasuredLaw
 from rfca_rig.diagnosis.result import Diagnosis, NamedEffect, Value
 from rfca_rig.diagnosis.result_builder import nuisance_values
+from rfca_rig.model.declarations.changes import VALUE_OF_CHANGE
 from rfca_rig.model.declarations.ground import HEIGHT_OFFSET
 from rfca_rig.model.tabulated_law import TABULATED_LAW
 from rfca_rig.recording.model import Recording
@@ -23,7 +24,8 @@ def write_fitted_model(path: Path, diagnosis: Diagnosis, recording: Recording) -
     Parameters
     ----------
     path
-        Of the model file; it is replaced whole, or removed where no effect was found.
+        Of the model file; it is replaced whole, or removed where neither an effect nor a change was
+        found.
     diagnosis
         Of a leg.
     recording
@@ -39,7 +41,8 @@ def write_fitted_model(path: Path, diagnosis: Diagnosis, recording: Recording) -
     RigError
         Where the disk refuses.
     """
-    if not diagnosis.found_effects:
+    has_changes = any(effect.id in VALUE_OF_CHANGE for effect in diagnosis.effects)
+    if not (diagnosis.found_effects or has_changes):
         path.unlink(missing_ok=True)
         return False
     rig = diagnosis.found_rig
@@ -52,7 +55,10 @@ def write_fitted_model(path: Path, diagnosis: Diagnosis, recording: Recording) -
         sections["drive"] = {**sections["drive"], "holds_start": True}
     # A height offset beyond its uncertainty means that the rack stood elsewhere, which the model
     # file states as an effect.
-    effects = [_to_found_effect(effect) for effect in diagnosis.effects]
+    # A value that has changed stands in its section.
+    effects = [
+        _to_found_effect(effect) for effect in diagnosis.effects if effect.id not in VALUE_OF_CHANGE
+    ]
     height = diagnosis.believed_values.get("height")
     if (
         height

@@ -17,7 +17,12 @@ from rfca_rig.diagnosis.leg.shaft_observations import (
 )
 from rfca_rig.diagnosis.leg.simulator import infer_approach, make_leg_dataset, nuisances_of
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, make_stage_tables
-from rfca_rig.diagnosis.leg.strokes import DynamicCondition, make_dynamic_condition, make_turn
+from rfca_rig.diagnosis.leg.strokes import (
+    DynamicCondition,
+    StrokeBins,
+    make_dynamic_condition,
+    make_turn,
+)
 from rfca_rig.diagnosis.simulator import Dataset
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.static_stages import StageMoves
@@ -50,6 +55,8 @@ class PreparedLeg:
         Conditions that cannot be used, with the reason.
     strokes_made
         How many strokes the leg has made in all; None where their order is not known.
+    before_s
+        Time before the start of a stroke that all recordings cover.
     """
 
     title: str
@@ -63,6 +70,7 @@ class PreparedLeg:
     coordinates: Parameterization
     remarks: tuple[str, ...]
     strokes_made: int | None = None
+    before_s: float = 0.0
 
     @property
     def dataset(self) -> Dataset:
@@ -73,22 +81,58 @@ class PreparedLeg:
         return make_leg_dataset([*self.flaps, *self.tables], self.as_commanded)
 
 
-def prepare_leg(recordings: Sequence[Recording]) -> PreparedLeg:
+@dataclass(frozen=True)
+class Alignment:
+    """What recordings have in common that are compared row by row.
+
+    Parameters
+    ----------
+    bins
+        Of the strokes, by the label of their condition.
+    as_commanded
+        Whether every shaft followed its command.
+    before_s
+        Time before the start of a stroke that all recordings cover.
+    moves
+        How the stages are approached.
+    """
+
+    bins: Mapping[str, StrokeBins]
+    as_commanded: bool
+    before_s: float
+    moves: StageMoves
+
+
+FIRST_GUESS = StageMoves(1.0, 0.005, HOLD_S)
+
+
+def prepare_leg(recordings: Sequence[Recording], alignment: Alignment | None = None) -> PreparedLeg:
     """Cut the recordings into conditions, with the nominal rig and its nuisance parameters.
 
-    Raises BadInput where the recordings have different nominal models.
+    Parameters
+    ----------
+    recordings
+        Recordings of one leg.
+    alignment
+        What they have in common with others; None where they stand alone.
+
+    Raises
+    ------
+    BadInput
+        Where the recordings have different nominal models.
     """
     first = recordings[0]
     refuse_other_nominal(recordings, "diagnose them one by one")
     rig = nominal_model(first.nominal)
     noise_std = first.nominal["sensor"].get("noise_std") or {}
-    conditions = group_by_condition(
-        stroke for recording in recordings for stroke in recording.strokes
-    )
+    bins: Mapping[str, StrokeBins] = {} if alignment is None else alignment.bins
+    conditions = group_recordings(recordings)
     # Two passes: whether the shaft follows its command must be known before the final turn of each
     # condition is chosen.
     probed = [
-        make_dynamic_condition(condition, noise_std, make_turn(condition, False))
+        make_dynamic_condition(
+            condition, noise_std, make_turn(condition, False), bins.get(condition.label)
+        )
         for condition in conditions
     ]
     remarks = tuple(f"left out: {flap.reason}" for flap in probed if isinstance(flap, Undetermined))
@@ -100,7 +144,12 @@ def prepare_leg(recordings: Sequence[Recording]) -> PreparedLeg:
         for c, f in usable
         if (s := make_shaft_condition(c, float(f.t_s[-1]), rig.drive.ramp_s)) is not None
     )
-    as_commanded = all(tracks_command(shaft, rig.drive.ramp_s) for shaft in shafts)
+    if alignment is None:
+        as_commanded = all(tracks_command(shaft, rig.drive.ramp_s) for shaft in shafts)
+        before_s = _before_start_s(condition for condition, _ in usable)
+    else:
+        as_commanded = alignment.as_commanded
+        before_s = alignment.before_s
     # A drive cannot be early: a negative delay is noise.
     late = {shaft.label: max(estimate_delay_s(shaft, rig.drive.ramp_s), 0.0) for shaft in shafts}
     flaps = tuple(
@@ -108,17 +157,18 @@ def prepare_leg(recordings: Sequence[Recording]) -> PreparedLeg:
         for condition, flap in usable
     )
     known_to = {key: float(value) for key, value in first.known_to.items() if value is not None}
-    before_s = _before_start_s(condition for condition, _ in usable)
     coordinates = Parameterization(nuisances_of(rig, known_to, before_s))
     stages = [stage for recording in recordings for stage in recording.static]
-    tables = make_stage_tables(stages, noise_std, StageMoves(1.0, 0.005, HOLD_S))
+    tables = make_stage_tables(stages, noise_std, FIRST_GUESS)
     if tables:
         # The approach of static stages is not recorded. The first guess is made at the prior means;
         # the search improves it.
-        moves = infer_approach(tables, coordinates.supposed, np.zeros(coordinates.size))
+        if alignment is None:
+            moves = infer_approach(tables, coordinates.supposed, np.zeros(coordinates.size))
+        else:
+            moves = alignment.moves
         tables = tuple(replace(table, moves=moves) for table in tables)
     title = "; ".join(recording.title for recording in recordings)
-    made = _strokes_made(recordings)
     return PreparedLeg(
         title,
         rig,
@@ -130,8 +180,14 @@ def prepare_leg(recordings: Sequence[Recording]) -> PreparedLeg:
         as_commanded,
         coordinates,
         remarks,
-        made,
+        _strokes_made(recordings),
+        before_s,
     )
+
+
+def group_recordings(recordings: Sequence[Recording]) -> tuple[Condition, ...]:
+    """The strokes of all recordings by condition."""
+    return group_by_condition(stroke for recording in recordings for stroke in recording.strokes)
 
 
 def _strokes_made(recordings: Sequence[Recording]) -> int | None:

@@ -16,7 +16,7 @@ from rfca_rig.analysis.fitting.residuals import StrokeWindow
 from rfca_rig.analysis.fitting.result import FitResult, write_model_file
 from rfca_rig.analysis.fitting.strokes import StrokeComparison, fit_recordings
 from rfca_rig.analysis.matched_simulation import Shaft
-from rfca_rig.diagnosis.config import check_known, select_candidates
+from rfca_rig.diagnosis.config import DEFAULT_SEARCH, check_known, select_candidates
 from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.experiment_design.leg_experiment import (
     propose_experiment,
@@ -31,15 +31,26 @@ from rfca_rig.diagnosis.leg.drive_search import (
 )
 from rfca_rig.diagnosis.leg.findings import LegFindings
 from rfca_rig.diagnosis.leg.model_files import write_fitted_model, write_measured_model
+from rfca_rig.diagnosis.leg.paired import name_commands, pair_legs
 from rfca_rig.diagnosis.leg.prepared import PreparedLeg, prepare_leg
 from rfca_rig.diagnosis.leg.result import build_leg_result, has_enough_conditions
-from rfca_rig.diagnosis.problem import AnswerPart, DecidedSearch, FitOptions, Problem, Row, Solution
+from rfca_rig.diagnosis.leg.simulator import NUISANCES_OF_A_DAY
+from rfca_rig.diagnosis.problem import (
+    AnswerPart,
+    DecidedSearch,
+    FitOptions,
+    Problem,
+    RecordingPair,
+    Row,
+    Solution,
+)
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.residual_force.stated_law import OF_LEG, check_place, measure_stated_law
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis, join_not_seen
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.model.catalogue import catalogue
+from rfca_rig.model.declarations.changes import VALUE_OF_CHANGE
 from rfca_rig.model.effect import LEG_SIDE, MOTOR_SIDE, Effect
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.recording.layout import identity_of
@@ -96,10 +107,11 @@ class LegSolution(Solution):
         """The answer: forces and shaft together, with valleys and the place of a free force."""
         diagnosis = build_leg_result(self.prepared, self.findings)
         # Where the shaft follows its command, that excludes effects of the drive.
-        if self.findings.shaft is not None or not self.prepared.shafts:
+        prepared = self.prepared
+        if self.findings.shaft is not None or not (prepared.shafts and prepared.as_commanded):
             return diagnosis
         effects = list_drive_effects((MOTOR_SIDE, LEG_SIDE))
-        tracked = find_excluded_sizes(self.prepared.shafts, self.prepared.rig, effects)
+        tracked = find_excluded_sizes(prepared.shafts, prepared.rig, effects)
         return replace(diagnosis, not_seen=join_not_seen(diagnosis.not_seen, tracked))
 
     def write_model(self, folder: Path, diagnosis: Diagnosis) -> Sequence[str]:
@@ -199,6 +211,37 @@ class LegProblem(Problem):
             drive = search_drive(prepared, search, drive_effects, progress)
             shaft = DecidedSearch(drive_effects, drive, decide(drive))
         return LegSolution(prepared, LegFindings(forces, shaft), self.recordings_of_leg[0])
+
+    def pair_with(
+        self, reference: Problem, without: Collection[str], progress: Progress
+    ) -> RecordingPair:
+        """The forces of both recordings in the same bins, with the nominal model of these."""
+        if not isinstance(reference, LegProblem):
+            raise BadInput("--reference: name recordings of the same leg")
+        progress("reading the reference", 0.0)
+        paired = pair_legs(self.recordings_of_leg, reference.recordings_of_leg)
+        new = paired.new
+
+        def solve(finding: DecidedSearch) -> LegSolution:
+            return LegSolution(new, LegFindings(finding), self.recordings_of_leg[0])
+
+        def clear_proposal(folder: Path) -> Sequence[str]:
+            write_next_protocol(folder, None)
+            return ()
+
+        return RecordingPair(
+            new=paired.new_dataset(),
+            reference=paired.reference_dataset(),
+            space=new.coordinates.space,
+            free=NUISANCES_OF_A_DAY,
+            effects=select_candidates(list_candidates(new), set(without) - VALUE_OF_CHANGE.keys()),
+            config=DEFAULT_SEARCH,
+            solve=solve,
+            clear_proposal=clear_proposal,
+            name_commands=name_commands,
+            is_one_recording=True,
+            conditions=len(new.flaps),
+        )
 
     def list_runs(self) -> tuple[Recording, ...]:
         """The recordings."""

@@ -208,3 +208,17 @@ def estimate_delay_s(shaft: ShaftCondition, ramp_s: float) -> float:
     """Delay of the shaft behind its command in s, by least squares."""
     command_rad_s = shaft.commanded_rad_s(ramp_s)
     return -float(command_rad_s @ shaft.deviation_rad) / float(command_rad_s @ command_rad_s)
+
+
+def measure_other_turn(shaft: ShaftCondition, other: ShaftCondition, ramp_s: float) -> float:
+    """Rms difference of two recorded turns of one condition beside a difference of their delays,
+    rad.
+    """
+    t_s = shaft.rows().t_s
+    other_t_s = other.rows().t_s
+    common = t_s <= other_t_s[-1]
+    of_other_rad = np.interp(t_s[common], other_t_s, other.deviation_rad)
+    difference_rad = shaft.deviation_rad[common] - of_other_rad
+    command_rad_s = shaft.commanded_rad_s(ramp_s)[common]
+    delay_s = float(command_rad_s @ difference_rad) / float(command_rad_s @ command_rad_s)
+    return rms(difference_rad - delay_s * command_rad_s)

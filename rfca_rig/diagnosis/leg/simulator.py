@@ -144,6 +144,9 @@ _SWING = (
     ),
 )
 
+# What differs from one day of recording to the next anyway.
+NUISANCES_OF_A_DAY = frozenset(parameter.name for parameter in _SWING)
+
 COMMAND_DELAY = "command_delay"
 _DELAY: FitParameter[ModelPoint] = FitParameter(
     COMMAND_DELAY,
@@ -172,10 +175,11 @@ MOVES = (
 @dataclass(frozen=True)
 class LegSimulator(Simulator):
     """The leg. If `stopped_as_commanded`, the shaft of static stages stopped at its commanded
-    angle without moving back.
+    angle without moving back. If `knows_approach`, their approach is not inferred.
     """
 
     stopped_as_commanded: bool = True
+    knows_approach: bool = False
 
     def simulate(self, at: ModelPoint, condition: LegCondition) -> Floats:
         """Predicted rows (m,) of a condition, signal after signal. Raises SimulationFailed."""
@@ -277,6 +281,8 @@ class LegSimulator(Simulator):
         """The conditions before the approach of the stages is known: static friction in them is
         free.
         """
+        if self.knows_approach:
+            return conditions
         return _with_tables(
             conditions,
             [replace(table, stopped_as_commanded=False) for table in select_tables(conditions)],
@@ -297,6 +303,8 @@ class LegSimulator(Simulator):
         input_at, x
             The input of the simulator as a function of all unknowns (p,), and their values.
         """
+        if self.knows_approach:
+            return conditions
         tables = [
             replace(table, stopped_as_commanded=self.stopped_as_commanded)
             for table in select_tables(conditions)

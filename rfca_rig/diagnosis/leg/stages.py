@@ -50,6 +50,8 @@ class StageTable:
     stopped_as_commanded
         Whether the shaft stopped at its commanded angle. If not, it may have moved back a little at
         every stop. Friction then holds the tip with a force that cannot be predicted.
+    recording
+        The run that it is a part of, where that matters; "" where it does not.
     """
 
     height_m: float
@@ -57,6 +59,7 @@ class StageTable:
     moves: StageMoves
     noise: Mapping[str, float]
     stopped_as_commanded: bool = True
+    recording: str = ""
 
     @property
     def signals(self) -> tuple[str, ...]:
@@ -166,7 +169,8 @@ class StageTable:
             label=label[present],
             condition=np.zeros(int(present.sum()), dtype=np.intp),
             labels=tuple(
-                Label("static", f"{1e3 * self.height_m:g} mm", signal) for signal in signals
+                Label("static", f"{1e3 * self.height_m:g} mm", signal, recording=self.recording)
+                for signal in signals
             ),
         )
 

@@ -82,6 +82,19 @@ class ShaftTurn:
 
 
 @dataclass(frozen=True)
+class StrokeBins:
+    """Edges (b + 1,) of the bins of a condition, and the moments of its strokes."""
+
+    edges_s: Floats
+    phases: StrokePhases
+
+    def within(self, begin_s: float, end_s: float) -> "StrokeBins":
+        """The bins that lie between two times."""
+        inside = (self.edges_s >= begin_s) & (self.edges_s <= end_s)
+        return replace(self, edges_s=self.edges_s[inside])
+
+
+@dataclass(frozen=True)
 class DynamicCondition:
     """One condition of the dynamic experiment: mean over its repeats in b bins, and how to simulate
     the same.
@@ -110,6 +123,8 @@ class DynamicCondition:
         Mean force minimum.
     strokes_before
         Of each stroke, as in `Condition`.
+    recording
+        The run that it is a part of, where that matters; "" where it does not.
     """
 
     label: str
@@ -124,6 +139,7 @@ class DynamicCondition:
     sample_noise: Mapping[str, float]
     valley: Valley | Undetermined
     strokes_before: tuple[int, ...] = ()
+    recording: str = ""
 
     def simulated(self, supposed: ModelPoint) -> Floats:
         """Predicted rows (k b,), signal after signal. Raises SimulationFailed."""
@@ -197,7 +213,10 @@ class DynamicCondition:
             phase=np.tile(phase, signals),
             label=np.repeat(np.arange(signals), bins),
             condition=np.zeros(signals * bins, dtype=np.intp),
-            labels=tuple(dynamic_label(self.label, signal) for signal in self.signals),
+            labels=tuple(
+                replace(dynamic_label(self.label, signal), recording=self.recording)
+                for signal in self.signals
+            ),
         )
 
 
@@ -216,11 +235,62 @@ def _list_common_signals(strokes: Sequence[Stroke]) -> tuple[str, ...]:
 
 
 def make_dynamic_condition(
-    condition: Condition, noise_std: Mapping[str, float | None], turn: ShaftTurn
+    condition: Condition,
+    noise_std: Mapping[str, float | None],
+    turn: ShaftTurn,
+    bins: StrokeBins | None = None,
 ) -> DynamicCondition | Undetermined:
-    """The condition as observations; refused where none of its strokes shows a touchdown and a
-    valley.
+    """The condition as observations, in these bins or in its own; refused where none of its strokes
+    shows a touchdown and a valley.
     """
+    seen = _detect_strokes(condition)
+    if isinstance(seen, Undetermined):
+        return seen
+    strokes = seen.strokes
+    if bins is None:
+        bins = _choose_bins(seen)
+    signals = _list_common_signals(strokes)
+    time = strokes[0].channel("fz_N")[0]  # type: ignore[index]
+    inside = (time >= bins.edges_s[0]) & (time < bins.edges_s[-1])
+    first = np.searchsorted(time[inside], bins.edges_s[:-1])
+    samples = np.diff(np.append(first, inside.sum()))
+    t_s, first = _thin_out(time[inside], first)
+    repeats = np.array([_stack_bin_means(stroke, signals, bins.edges_s) for stroke in strokes])
+    noise = {s: noise_std.get(s) or _estimate_noise(strokes, s) for s in signals}
+    return DynamicCondition(
+        condition.label,
+        condition.height_m,
+        turn,
+        t_s,
+        first,
+        samples,
+        signals,
+        repeats,
+        bins.phases,
+        noise,
+        seen.valley,
+        collect_strokes_before(strokes),
+    )
+
+
+@dataclass(frozen=True)
+class _SeenStrokes:
+    """The strokes of a condition that show a touchdown and a valley, the medians of their moments,
+    and their mean valley.
+    """
+
+    strokes: tuple[Stroke, ...]
+    phases: StrokePhases
+    valley: Valley
+
+    @property
+    def covered_s(self) -> tuple[float, float]:
+        """First and last time that all of them cover."""
+        times = [stroke.channel("fz_N")[0] for stroke in self.strokes]  # type: ignore[index]
+        return float(max(t_s[0] for t_s in times)), float(min(t_s[-1] for t_s in times))
+
+
+def _detect_strokes(condition: Condition) -> _SeenStrokes | Undetermined:
     detections = [(stroke, *_valley_and_phases(stroke)) for stroke in condition.strokes]
     good = [
         (stroke, valley, phases)
@@ -238,41 +308,29 @@ def make_dynamic_condition(
             "",
         )
         return Undetermined(f"{condition.label}: no stroke shows a touchdown and a valley{reason}")
-    strokes = [stroke for stroke, _, _ in good]
     moments = np.array([[p.touchdown_s, p.valley_s, p.lift_off_s] for _, _, p in good])
     # The median over repeats: a single badly detected moment does not shift the bins.
     phases = StrokePhases(*(float(m) for m in np.median(moments, axis=0)))
-    signals = _list_common_signals(strokes)
-    times = [stroke.channel("fz_N")[0] for stroke in strokes]  # type: ignore[index]
-    time = times[0]
-    # Only the time that all repeats cover.
-    edges = _edges(
-        float(max(t_s[0] for t_s in times)), float(min(t_s[-1] for t_s in times)), phases
-    )
-    inside = (time >= edges[0]) & (time < edges[-1])
-    first = np.searchsorted(time[inside], edges[:-1])
-    samples = np.diff(np.append(first, inside.sum()))
-    t_s, first = _thin_out(time[inside], first)
-    repeats = np.array([_stack_bin_means(stroke, signals, edges) for stroke in strokes])
-    noise = {s: noise_std.get(s) or _estimate_noise(strokes, s) for s in signals}
     valley = Valley(
         float(np.mean([v.time_s for _, v, _ in good])), float(np.mean([v.fz_N for _, v, _ in good]))
     )
-    before = collect_strokes_before(strokes)
-    return DynamicCondition(
-        condition.label,
-        condition.height_m,
-        turn,
-        t_s,
-        first,
-        samples,
-        signals,
-        repeats,
-        phases,
-        noise,
-        valley,
-        before,
-    )
+    return _SeenStrokes(tuple(stroke for stroke, _, _ in good), phases, valley)
+
+
+def _choose_bins(seen: _SeenStrokes) -> StrokeBins:
+    """Bins of the time that all repeats cover."""
+    return StrokeBins(_edges(*seen.covered_s, seen.phases), seen.phases)
+
+
+def choose_common_bins(condition: Condition, other: Condition) -> StrokeBins | None:
+    """The bins of a condition, as far as another recording of it covers them; None where one of
+    both cannot be used.
+    """
+    seen = _detect_strokes(condition)
+    seen_other = _detect_strokes(other)
+    if isinstance(seen, Undetermined) or isinstance(seen_other, Undetermined):
+        return None
+    return _choose_bins(seen).within(*seen_other.covered_s)
 
 
 def _thin_out(t_s: Floats, first: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp]]:

@@ -26,6 +26,10 @@ class MechanismInput:
     def rig(self) -> None:
         """None: no effect of a mechanism counts its size from a nominal value of the leg."""
 
+    @property
+    def unchanged(self) -> None:
+        """None: changes of a mechanism's values are no effects."""
+
     def shift_value(self, key: str, place: int, by: float) -> Self:
         """The same with a nominal value shifted by `by` more."""
         now = dict(self.off)

@@ -38,6 +38,7 @@ from rfca_rig.diagnosis.problem import (
     RecordingPair,
     Solution,
 )
+from rfca_rig.diagnosis.reference.matching import name_signals
 from rfca_rig.diagnosis.residual_force.law import StatedLaw, describe_law
 from rfca_rig.diagnosis.result import Diagnosed, Diagnosis
 from rfca_rig.diagnosis.result_builder import build_result, not_enough_data
@@ -289,6 +290,9 @@ class MechanismProblem(Problem):
             config=SEARCH,
             solve=solve,
             clear_proposal=_remove_next_commands,
+            name_commands=name_signals,
+            is_one_recording=False,
+            conditions=len(new.conditions),
         )
 
     def check_fit(self, options: FitOptions, out: Path | None) -> None:

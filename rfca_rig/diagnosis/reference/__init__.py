@@ -12,4 +12,6 @@ Three parts of the answer keep it out:
    discrepancy.
 
 `problem` then searches and decides as without a reference, and says what it found as a change.
+`changes` are nominal values that may be other ones than then, as effects. `history` tracks them
+over many runs.
 """

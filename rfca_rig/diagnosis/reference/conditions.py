@@ -9,7 +9,7 @@ has no part of it. f_ref is linear around the fit of the reference, so that no s
 reference is needed: what is subtracted is its residual, and the derivatives of that residual.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,6 +18,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data import Observations
+from rfca_rig.diagnosis.inference.map_fit import without_scatter
+from rfca_rig.diagnosis.inference.parameterization import Parameterization
+from rfca_rig.diagnosis.problem import RecordingPair
 from rfca_rig.diagnosis.reference.fit import ReferenceFit
 from rfca_rig.diagnosis.reference.matching import Match, find_matches
 from rfca_rig.diagnosis.simulator import (
@@ -27,6 +30,7 @@ from rfca_rig.diagnosis.simulator import (
     Simulator,
     make_dataset,
 )
+from rfca_rig.errors import SimulationFailed
 
 Floats = NDArray[np.float64]
 
@@ -104,9 +108,43 @@ class ReferenceSimulator(Simulator):
 
     def simulate(self, at: Any, condition: ReferencedCondition) -> Floats:
         """The predicted rows (m,). Raises SimulationFailed and BadInput as the inner simulator."""
-        parameters = self.fit.space.parameters
-        shift = np.array([parameter.read(at) for parameter in parameters]) - self.values
-        return np.asarray(self.inner.simulate(at, condition.condition) - condition.slope @ shift)
+        predicted = self.inner.simulate(at, condition.condition)
+        return np.asarray(predicted - self._change_reference(at, condition))
+
+    def simulate_each(self, at: Any, conditions: Sequence[ReferencedCondition]) -> Iterator[Floats]:
+        """As `simulate`, one condition after the other."""
+        recorded = [part.condition for part in conditions]
+        of_inner = self.inner.simulate_each(at, recorded)
+        for predicted, part in zip(of_inner, conditions, strict=True):
+            yield np.asarray(predicted - self._change_reference(at, part))
+
+    @property
+    def varies_many(self) -> bool:
+        """As the inner simulator."""
+        return self.inner.varies_many
+
+    def simulate_changes(
+        self, at: Any, rows: Floats, inputs: Sequence[Any], condition: ReferencedCondition
+    ) -> list[Floats | None]:
+        """The change of the predicted rows (m,) from `at` to each input, as in `Simulator`."""
+        of_reference = self._change_reference(at, condition)
+        recorded = condition.condition
+        of_inner = self.inner.simulate_changes(at, rows + of_reference, inputs, recorded)
+        changes: list[Floats | None] = []
+        for varied, change in zip(inputs, of_inner, strict=True):
+            if change is None:
+                changes.append(None)
+            else:
+                changes.append(change + of_reference - self._change_reference(varied, condition))
+        return changes
+
+    def _change_reference(self, at: Any, condition: ReferencedCondition) -> Floats:
+        """The change (m,) of the reference's rows from its fit to the values that it shares with
+        the recordings. What has changed since then is no part of it.
+        """
+        shared = at.unchanged or at
+        values = [parameter.read(shared) for parameter in self.fit.space.parameters]
+        return np.asarray(condition.slope @ (np.array(values) - self.values))
 
     def coarsen(self, conditions: Sequence[ReferencedCondition], count: int) -> list[int]:
         """As the inner simulator."""
@@ -128,15 +166,30 @@ class ReferenceSimulator(Simulator):
         return np.column_stack(columns)
 
 
-def compare_with_reference(
-    new: Dataset, jacobian: Floats, fit: ReferenceFit, parts: ReferenceParts
+def compare_pair(
+    pair: RecordingPair, coordinates: Parameterization, fit: ReferenceFit, parts: ReferenceParts
 ) -> Dataset:
-    """The conditions of `new`, compared with the reference.
+    """The conditions of the recordings, compared with the reference where it was fitted.
+
+    Raises SimulationFailed where the model cannot be computed there.
+    """
+    optimizer = without_scatter(pair.new)
+    start = optimizer.at(coordinates, np.zeros(coordinates.size))
+    if start is None:
+        raise SimulationFailed("the model cannot be computed with the values of the reference")
+    jacobian = coordinates.space.per_deviation(start.jacobian)
+    return compare_with_reference(pair, jacobian, fit, parts)
+
+
+def compare_with_reference(
+    pair: RecordingPair, jacobian: Floats, fit: ReferenceFit, parts: ReferenceParts
+) -> Dataset:
+    """The conditions of the new recordings, m rows, compared with the reference.
 
     Parameters
     ----------
-    new
-        The recordings, m rows.
+    pair
+        The recordings.
     jacobian
         (m, n) derivatives of their predictions with respect to the nuisance parameters, per unit of
         the prior's `std`.
@@ -145,60 +198,99 @@ def compare_with_reference(
     parts
         What is used of it.
     """
-    rows = new.rows
     compared = []
-    for number, part in enumerate(new.parts):
-        of_part = np.flatnonzero(rows.condition == number)
+    for number, part in enumerate(pair.new.parts):
+        of_part = np.flatnonzero(pair.new.rows.condition == number)
         observed = part.rows()
-        matches = find_matches(observed, fit.dataset.rows) if parts.matching else ()
+        matches: tuple[Match, ...] = ()
+        if parts.matching:
+            matches = find_matches(observed, fit.dataset.rows, pair.name_commands)
+        slope = np.zeros((len(of_part), len(fit.mean)))
+        if matches:
+            slope = np.mean([fit.jacobian[match.rows] for match in matches], axis=0)
+        of_new = jacobian[of_part]
+        steep = _find_steep(observed, (of_new, slope), fit)
+        # Where the model jumps, a row says nothing, and a derivative would say anything.
+        of_new[steep] = 0.0
+        slope[steep] = 0.0
+        noise = np.where(steep, np.hypot(observed.noise, observed.scale), observed.noise)
+        observed = replace(observed, noise=noise)
         directions: dict[str, Floats] = {}
         if parts.covariance and fit.repeats is not None:
-            name = str(rows.recording[of_part[0]])
-            scatter = jacobian[of_part] * fit.repeats.std
-            directions |= _name_columns(f"recording {name}", scatter)
+            name = "recordings"
+            if not pair.is_one_recording:
+                name = f"recording {pair.new.rows.recording[of_part[0]]}"
+            directions |= _name_columns(name, of_new * fit.repeats.std)
         if matches:
-            compared.append(_compare_matched(part, observed, fit, matches, directions, parts))
+            directions |= _list_directions(slope, fit, matches, parts)
+            observed = _subtract_matches(observed, fit, matches, parts)
         else:
             share = max(fit.error / USUAL_ERROR, 1.0) if parts.covariance else 1.0
-            slope = np.zeros((len(of_part), len(fit.mean)))
-            compared.append(
-                ReferencedCondition(part, _scale_error(observed, share), slope, directions, ())
-            )
-    simulator = ReferenceSimulator(new.simulator, fit, fit.read_values())
+            observed = _scale_error(observed, share)
+        shared = np.where(fit.free, 0.0, slope / fit.value_slopes())
+        compared.append(ReferencedCondition(part, observed, shared, directions, matches))
+    simulator = ReferenceSimulator(pair.new.simulator, fit, fit.read_values())
     return make_dataset(compared, simulator)
 
 
-def _compare_matched(
-    part: ConditionData,
-    observed: Observations,
-    fit: ReferenceFit,
-    matches: tuple[Match, ...],
-    directions: Mapping[str, Floats],
-    parts: ReferenceParts,
-) -> ReferencedCondition:
+def _find_steep(
+    observed: Observations, derivatives: Sequence[Floats], fit: ReferenceFit
+) -> NDArray[np.bool_]:
+    """Rows (m,) that change by more than the whole signal within what the reference leaves open, in
+    any of these derivatives (m, n): a leg wedges there, or slips.
+    """
+    std = np.sqrt(np.diag(fit.covariance))
+    if fit.repeats is not None:
+        std = np.maximum(std, fit.repeats.std)
+    steep = np.zeros(len(observed.measured), dtype=bool)
+    for derivative in derivatives:
+        steep |= (np.abs(derivative) * std).max(axis=1) > observed.scale
+    return steep
+
+
+def _list_directions(
+    slope: Floats, fit: ReferenceFit, matches: tuple[Match, ...], parts: ReferenceParts
+) -> dict[str, Floats]:
+    """In what the mean of the matches may be off, (m,) each by name.
+
+    Parameters
+    ----------
+    slope
+        (m, n) derivatives of their mean, per unit of the prior's `std`.
+    fit, matches, parts
+        The reference, the matches, and what is used of them.
+    """
     count = len(matches)
-    residual = np.mean([fit.residuals[match.rows] for match in matches], axis=0)
-    slope = np.mean([fit.jacobian[match.rows] for match in matches], axis=0)
-    noise = np.sqrt(
-        np.mean([fit.dataset.rows.noise[match.rows] ** 2 for match in matches], axis=0) / count
-    )
-    every = dict(directions)
     # The zeros of the reference's day are known as well as its fit knows them.
     of_day = slope * np.where(fit.free, np.sqrt(np.diag(fit.covariance)), 0.0)
-    every |= _name_columns("reference", of_day)
-    share = 1.0
+    directions = _name_columns("reference", of_day)
+    for match in matches:
+        name = f"scatter within {match.recording}"
+        directions |= _name_columns(name, fit.scatter[match.rows] / count)
     if parts.covariance and fit.repeats is not None:
         recordings = "+".join(str(match.recording) for match in matches)
-        every |= _name_columns(f"mean of {recordings}", slope * fit.repeats.std / np.sqrt(count))
+        of_mean = slope * fit.repeats.std / np.sqrt(count)
+        directions |= _name_columns(f"mean of {recordings}", of_mean)
+    return directions
+
+
+def _subtract_matches(
+    observed: Observations, fit: ReferenceFit, matches: tuple[Match, ...], parts: ReferenceParts
+) -> Observations:
+    """The rows less the mean residual of the matches, with its noise and its error added."""
+    residual = np.mean([fit.residuals[match.rows] for match in matches], axis=0)
+    noise = np.sqrt(
+        np.mean([fit.dataset.rows.noise[match.rows] ** 2 for match in matches], axis=0)
+        / len(matches)
+    )
+    share = 1.0
+    if parts.covariance and fit.repeats is not None:
         share = _measure_share(fit, fit.repeats.error, matches)
-    observed = _scale_error(observed, share)
-    observed = replace(
-        observed,
+    return replace(
+        _scale_error(observed, share),
         measured=observed.measured - residual,
         noise=np.hypot(observed.noise, noise),
     )
-    shared = np.where(fit.free, 0.0, slope / fit.value_slopes())
-    return ReferencedCondition(part, observed, shared, every, matches)
 
 
 def _measure_share(fit: ReferenceFit, repeat_error: float, matches: Sequence[Match]) -> float:

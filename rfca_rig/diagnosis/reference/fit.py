@@ -47,6 +47,9 @@ class ReferenceFit:
         The recordings of each command that was recorded more than once.
     repeats
         What differs between them; None where no command was repeated.
+    scatter
+        (m, k) directions in which the rows vary by one standard deviation: what differs from repeat
+        to repeat within a condition.
     """
 
     dataset: Dataset
@@ -59,6 +62,7 @@ class ReferenceFit:
     error: float
     groups: tuple[tuple[Match, ...], ...]
     repeats: RepeatError | None
+    scatter: Floats
 
     def make_prior(self, is_joint: bool = True) -> Prior[Any]:
         """The prior for recordings of another day: the posterior, with the stated priors of the
@@ -100,7 +104,7 @@ def fit_reference(pair: RecordingPair, progress: Progress) -> ReferenceFit:
     # without scatter is close enough, because all repeats share it.
     posterior = laplace_posterior(linear, search.likelihood.level(linear))
     residuals = linear.target - linear.jacobian @ posterior.mean
-    groups = find_repeats(rows)
+    groups = find_repeats(rows, pair.name_commands)
     repeats = estimate_repeat_error(rows, residuals, linear.jacobian, groups)
     columns = [search.scatter.columns]
     if repeats is not None:
@@ -119,6 +123,7 @@ def fit_reference(pair: RecordingPair, progress: Progress) -> ReferenceFit:
         error=whitening.s,
         groups=groups,
         repeats=repeats,
+        scatter=search.scatter.columns,
     )
 
 

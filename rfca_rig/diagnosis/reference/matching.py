@@ -1,10 +1,11 @@
 """Rows of the reference that belong to the same command and time as rows of the recordings.
 
-What a command is called does not matter: a motion matches where it takes the same course.
+What two rows must have in common beside their time depends on the kind of rig, which names it by
+row: a `CommandName`. A motion also has to take the same course.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,9 @@ from rfca_rig.diagnosis.data import Observations
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
+
+# What must agree between two rows that belong together, for each row (m,).
+CommandName = Callable[[Observations], NDArray[np.str_]]
 
 # Rms difference of two motions, as a share of the standard deviation of the reference's, up to
 # which the model errs alike in them. A position servo sags under a heavier weight: one that takes
@@ -41,17 +45,30 @@ class Match:
     distance: float
 
 
-def find_matches(wanted: Observations, reference: Observations) -> tuple[Match, ...]:
-    """The recordings of the reference that have rows of the same signals and times as `wanted`
-    (m rows), and values at most MAX_DISTANCE from them; none where there are none.
+def name_signals(rows: Observations) -> NDArray[np.str_]:
+    """The signal of each row (m,): what a command is called does not matter."""
+    return rows.signal
+
+
+def find_matches(
+    wanted: Observations, reference: Observations, name_commands: CommandName
+) -> tuple[Match, ...]:
+    """The recordings of the reference that have rows of the same names and times as `wanted`, and
+    values at most MAX_DISTANCE from them; none where there are none.
+
+    `name_commands` names the rows (m,) of any observations.
     """
+    wanted_names = name_commands(wanted)
+    reference_names = name_commands(reference)
     matches = []
     recording = reference.recording
     for number in range(int(recording.max()) + 1):
         candidates = np.flatnonzero(recording == number)
-        rows = _find_rows(wanted, reference, candidates)
-        if rows is None:
+        times = _NamedTimes(reference_names[candidates], reference.t_s[candidates])
+        nearest = _find_nearest(_NamedTimes(wanted_names, wanted.t_s), times)
+        if nearest is None:
             continue
+        rows = candidates[nearest]
         # Of this recording alone: beside large motions all small ones would look alike.
         change = _measure_change(reference.take(candidates))
         scale = np.array([change[str(signal)] for signal in wanted.signal])
@@ -71,20 +88,26 @@ def _measure_change(rows: Observations) -> dict[str, float]:
     }
 
 
-def _find_rows(
-    wanted: Observations, reference: Observations, candidates: Integers
-) -> Integers | None:
-    """The candidate (m,) of the same signal at the time of each wanted row; None where a row has
+@dataclass(frozen=True)
+class _NamedTimes:
+    """Names and times of rows, (m,) each."""
+
+    names: NDArray[np.str_]
+    t_s: Floats
+
+
+def _find_nearest(wanted: _NamedTimes, candidates: _NamedTimes) -> Integers | None:
+    """Of each wanted row, the candidate (m,) of the same name at its time; None where a row has
     none.
     """
-    found = np.empty(len(wanted.measured), dtype=np.intp)
-    for signal in np.unique(wanted.signal):
-        of_wanted = np.flatnonzero(wanted.signal == signal)
-        of_signal = candidates[reference.signal[candidates] == signal]
-        if len(of_signal) < 2:
+    found = np.empty(len(wanted.t_s), dtype=np.intp)
+    for name in np.unique(wanted.names):
+        of_wanted = np.flatnonzero(wanted.names == name)
+        of_name = np.flatnonzero(candidates.names == name)
+        if len(of_name) < 2:
             return None
-        of_signal = of_signal[np.argsort(reference.t_s[of_signal])]
-        t_s = reference.t_s[of_signal]
+        of_name = of_name[np.argsort(candidates.t_s[of_name])]
+        t_s = candidates.t_s[of_name]
         after = np.clip(np.searchsorted(t_s, wanted.t_s[of_wanted]), 1, len(t_s) - 1)
         is_before = wanted.t_s[of_wanted] - t_s[after - 1] < t_s[after] - wanted.t_s[of_wanted]
         nearest = np.where(is_before, after - 1, after)
@@ -92,12 +115,15 @@ def _find_rows(
         tolerance_s = 0.5 * float(np.median(np.diff(t_s)))
         if np.abs(t_s[nearest] - wanted.t_s[of_wanted]).max() > tolerance_s:
             return None
-        found[of_wanted] = of_signal[nearest]
+        found[of_wanted] = of_name[nearest]
     return found
 
 
-def find_repeats(reference: Observations) -> tuple[tuple[Match, ...], ...]:
-    """The recordings of each command in the reference that was recorded more than once.
+def find_repeats(
+    reference: Observations, name_commands: CommandName
+) -> tuple[tuple[Match, ...], ...]:
+    """The recordings of each command in the reference that was recorded more than once;
+    `name_commands` names the rows (m,) of any observations.
 
     The rows of each repeat are those of the first recording of the command, as far as all of its
     repeats have them.
@@ -108,14 +134,17 @@ def find_repeats(reference: Observations) -> tuple[tuple[Match, ...], ...]:
     for number in range(int(recording.max()) + 1):
         if number in grouped:
             continue
-        group = _find_group(reference, np.flatnonzero(recording == number), grouped)
+        rows = np.flatnonzero(recording == number)
+        group = _find_group(reference, rows, grouped, name_commands)
         grouped |= {match.recording for match in group}
         if len(group) > 1:
             groups.append(group)
     return tuple(groups)
 
 
-def _find_group(reference: Observations, rows: Integers, others: set[int]) -> tuple[Match, ...]:
+def _find_group(
+    reference: Observations, rows: Integers, others: set[int], name_commands: CommandName
+) -> tuple[Match, ...]:
     """The recordings that match most conditions of a recording with these rows (k,), itself
     among them; `others` belong to other groups.
     """
@@ -125,7 +154,7 @@ def _find_group(reference: Observations, rows: Integers, others: set[int]) -> tu
         of_condition = rows[reference.condition[rows] == condition]
         matches = {
             match.recording: match
-            for match in find_matches(reference.take(of_condition), reference)
+            for match in find_matches(reference.take(of_condition), reference, name_commands)
             if match.recording not in others
         }
         by_condition.append(matches)

@@ -5,13 +5,10 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS, USUAL_ERROR
 from rfca_rig.diagnosis.data import rms, unit_of
 from rfca_rig.diagnosis.decision.decide import Decision, decide
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
-from rfca_rig.diagnosis.inference.map_fit import without_scatter
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.problem import (
@@ -23,17 +20,19 @@ from rfca_rig.diagnosis.problem import (
     RecordingPair,
     Solution,
 )
+from rfca_rig.diagnosis.reference.changes import add_changes
 from rfca_rig.diagnosis.reference.conditions import (
     ReferencedCondition,
     ReferenceParts,
-    compare_with_reference,
+    compare_pair,
 )
 from rfca_rig.diagnosis.reference.fit import ReferenceFit, fit_reference
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.result import SHARED_ERROR, Diagnosed, Diagnosis, name_parts
 from rfca_rig.diagnosis.result_builder import Wording, describe, not_enough_data
 from rfca_rig.diagnosis.simulator import Dataset
-from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.errors import BadInput
+from rfca_rig.model.declarations.changes import VALUE_OF_CHANGE
 from rfca_rig.model.effect import Effect
 from rfca_rig.protocol.plan import Limits
 
@@ -215,12 +214,21 @@ class ReferenceProblem(Problem):
         return self.new.list_effects()
 
     def check_effects(self, option: str, names: Collection[str]) -> None:
-        """Raise BadInput for a name that is no effect of this rig."""
-        self.new.check_effects(option, names)
+        """Raise BadInput for a name that is no effect of this rig and no change of a value."""
+        self.new.check_effects(option, set(names) - VALUE_OF_CHANGE.keys())
 
     def check_place(self, place: str) -> None:
         """Raise BadInput: no law is measured beside a reference."""
         raise BadInput(f"--law {place}: is measured in the recordings alone; leave out --reference")
+
+    def pair_with(
+        self,
+        reference: Problem,  # noqa: ARG002
+        without: Collection[str],  # noqa: ARG002
+        progress: Progress,  # noqa: ARG002
+    ) -> RecordingPair:
+        """Raise BadInput: there is one reference."""
+        raise BadInput("--reference: is there already; name one reference")
 
     def solve(self, without: Collection[str], progress: Progress) -> ReferenceSolution:
         """Fit the reference, compare, search and decide."""
@@ -229,18 +237,19 @@ class ReferenceProblem(Problem):
             pair,
             lambda text, share: progress(f"reference: {text}", SHARE_OF_REFERENCE * share),
         )
+        effects = add_changes(pair, without)
         coordinates = Parameterization(fit.make_prior(self.parts.joint_prior))
-        compared = _compare(pair, coordinates, fit, self.parts)
+        compared = compare_pair(pair, coordinates, fit, self.parts)
         search = search_models(
             compared,
             coordinates,
-            pair.effects,
+            effects,
             lambda text, share: progress(
                 text, SHARE_OF_REFERENCE + (1.0 - SHARE_OF_REFERENCE) * share
             ),
             pair.config,
         )
-        finding = DecidedSearch(pair.effects, search, _decide(compared, search))
+        finding = DecidedSearch(effects, search, _decide(pair, search))
         recordings = self.reference.recordings
         return ReferenceSolution(pair.solve(finding), finding, pair, compared, fit, recordings)
 
@@ -268,20 +277,9 @@ def add_reference(new: Problem, reference: Problem) -> ReferenceProblem:
     return ReferenceProblem(new, reference)
 
 
-def _compare(
-    pair: RecordingPair, coordinates: Parameterization, fit: ReferenceFit, parts: ReferenceParts
-) -> Dataset:
-    """The compared conditions. Raises SimulationFailed where the fit cannot be simulated."""
-    optimizer = without_scatter(pair.new)
-    start = optimizer.at(coordinates, np.zeros(coordinates.size))
-    if start is None:
-        raise SimulationFailed("the model cannot be computed with the values of the reference")
-    jacobian = coordinates.space.per_deviation(start.jacobian)
-    return compare_with_reference(pair.new, jacobian, fit, parts)
-
-
-def _decide(compared: Dataset, search: ModelSelectionResult) -> Decision:
-    count = len(compared.parts)
-    if count >= FEWEST_CONDITIONS:
+def _decide(pair: RecordingPair, search: ModelSelectionResult) -> Decision:
+    if pair.conditions >= FEWEST_CONDITIONS:
         return decide(search)
-    return not_enough_data(search, f"{count} conditions, {FEWEST_CONDITIONS} are needed")
+    return not_enough_data(
+        search, f"{pair.conditions} usable conditions, {FEWEST_CONDITIONS} are needed"
+    )

@@ -13,6 +13,7 @@ from rfca_rig.diagnosis.config import DEFAULT_SEARCH
 from rfca_rig.diagnosis.problem import Problem, RecordingPair
 from rfca_rig.diagnosis.reference.conditions import ReferenceParts, compare_with_reference
 from rfca_rig.diagnosis.reference.fit import fit_reference
+from rfca_rig.diagnosis.reference.matching import name_signals
 from rfca_rig.diagnosis.reference.problem import ReferenceProblem
 from rfca_rig.diagnosis.simulator import make_dataset
 from tests.diagnosis.oscillator import (
@@ -82,6 +83,9 @@ def make_pair(new, reference):
         config=DEFAULT_SEARCH,
         solve=lambda _: Mock(),
         clear_proposal=lambda _: (),
+        name_commands=name_signals,
+        is_one_recording=False,
+        conditions=len(new.parts),
     )
 
 
@@ -128,7 +132,7 @@ def test_a_matched_difference_has_the_noise_of_both_and_none_of_the_error(refere
     pair = make_pair(new, reference)
     fit = fit_reference(pair, lambda *_: None)
     jacobian = np.zeros((len(new.rows.measured), 2))
-    compared = compare_with_reference(new, jacobian, fit, ReferenceParts())
+    compared = compare_with_reference(make_pair(new, reference), jacobian, fit, ReferenceParts())
     at = nuisance_space().at(fit.mean)
     before = new.rows.measured - new.predicted(at)
     after = compared.rows.measured - compared.predicted(at)
@@ -141,7 +145,7 @@ def test_nuisance_parameters_that_both_share_cancel_in_the_difference(reference)
     new = record(SHAKEN, push, seed=2)
     fit = fit_reference(make_pair(new, reference), lambda *_: None)
     jacobian = np.zeros((len(new.rows.measured), 2))
-    compared = compare_with_reference(new, jacobian, fit, ReferenceParts())
+    compared = compare_with_reference(make_pair(new, reference), jacobian, fit, ReferenceParts())
     here = nuisance_space().at(fit.mean)
     there = nuisance_space().at(fit.mean + 0.3)
     change = np.linalg.norm(new.predicted(there) - new.predicted(here))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.diagnosis.likelihood.covariance import discrepancy_covariance
-from rfca_rig.diagnosis.reference.matching import find_repeats
+from rfca_rig.diagnosis.reference.matching import find_repeats, name_signals
 from rfca_rig.diagnosis.reference.repeats import USUAL_SCATTER, estimate_repeat_error
 from tests.diagnosis.reference.observations import ROWS, motion, recording, stack
 
@@ -39,7 +39,7 @@ def make_reference(gain_std, error, seed=4):
 @pytest.mark.parametrize(("gain_std", "error"), [(0.05, 0.002), (0.002, 0.02)])
 def test_scatter_and_smooth_error_are_told_apart(gain_std, error):
     rows, residuals, jacobian = make_reference(gain_std, error)
-    found = estimate_repeat_error(rows, residuals, jacobian, find_repeats(rows))
+    found = estimate_repeat_error(rows, residuals, jacobian, find_repeats(rows, name_signals))
     assert found.spare == COMMANDS * (REPEATS - 1)
     assert found.error == pytest.approx(error, rel=0.6)
     if gain_std > error:
@@ -50,7 +50,7 @@ def test_scatter_and_smooth_error_are_told_apart(gain_std, error):
 
 def test_what_all_repeats_share_is_no_difference():
     rows, residuals, jacobian = make_reference(0.0, 0.0)
-    found = estimate_repeat_error(rows, residuals, jacobian, find_repeats(rows))
+    found = estimate_repeat_error(rows, residuals, jacobian, find_repeats(rows, name_signals))
     assert found.error < 0.002
     assert found.std[0] < 2.0 * UNSEEN_STD
 

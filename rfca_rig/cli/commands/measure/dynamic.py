@@ -1,5 +1,6 @@
 """rfca-rig dynamic run"""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +22,12 @@ from rfca_rig.cli.options import (
     View,
     ViewPort,
     out_folder,
+)
+from rfca_rig.cli.since_reference import (
+    Gate,
+    SinceReference,
+    compare_with_set_reference,
+    pass_gate,
 )
 from rfca_rig.cli.terminal import echo
 
@@ -74,11 +81,12 @@ def run(
     view_port: ViewPort = None,
     pace: Pace = 1.0,
     fault: Fault = None,
+    gate: Gate = False,
     dry_run: Dry = False,
     as_json: Json = False,
 ) -> None:
     """Flap at one condition (--height and --speed) or at those of a protocol, and record every
-    stroke.
+    stroke. Where the rig has a reference (reference set), say what has changed since then.
 
     Example: rfca-rig dynamic run --height 215 --speed 2.433 --repeats 5
     """
@@ -111,7 +119,9 @@ def run(
     valleys = Valleys()
     folder, _ = run_and_record(config, valleys.say_stage)
     if folder is not None:
-        _close(config.mark, folder, valleys.rows, report, as_json)
+        answer = compare_with_set_reference(folder, gate, as_json)
+        _close(FinishedStrokes(config.mark, folder, valleys.rows, answer), report, as_json)
+        pass_gate(answer, gate)
 
 
 def replace_conditions(
@@ -182,22 +192,47 @@ def valley_text(valley: "Valley | Undetermined") -> str:
     return f"no valley: {valley.reason}"
 
 
-def _close(
-    mark: str, folder: Path, rows: list[dict[str, float | None]], report: Path | None, as_json: bool
-) -> None:
-    """Prints the last lines: where the recording is, and what to type next."""
+@dataclass(frozen=True)
+class FinishedStrokes:
+    """What the last lines say of a run.
+
+    Parameters
+    ----------
+    mark
+        SIM or REAL.
+    folder
+        Of the run.
+    rows
+        A row of numbers per stroke.
+    since_reference
+        What has changed; None where the rig has no reference.
+    """
+
+    mark: str
+    folder: Path
+    rows: list[dict[str, float | None]]
+    since_reference: SinceReference | None
+
+
+def _close(run: FinishedStrokes, report: Path | None, as_json: bool) -> None:
+    """Prints the last lines: what has changed, where the recording is, and what to type next."""
     import json
 
     if report is not None:
         from rfca_rig.cli.commands.report import write
         from rfca_rig.reports.problems import ComparisonOptions
 
-        write([folder], report, ComparisonOptions(), as_json=False, quiet=as_json)
+        write([run.folder], report, ComparisonOptions(), as_json=False, quiet=as_json)
     if as_json:
-        echo(json.dumps({"source": mark, "run": str(folder), "strokes": rows}, indent=1))
+        answer: dict[str, Any] = {"source": run.mark, "run": str(run.folder), "strokes": run.rows}
+        if run.since_reference is not None:
+            answer["since_reference"] = run.since_reference.plain()
+        echo(json.dumps(answer, indent=1))
         return
+    if run.since_reference is not None:
+        echo(f"{run.mark} {run.since_reference.line()}", err=True)
     if report:
         following = f"open {report / 'report.html'}"
     else:
-        following = f"next: rfca-rig report {folder} --out report"
-    echo(f"{mark} recorded {len(rows)} strokes in {folder}; {following}", err=True)
+        following = f"next: rfca-rig report {run.folder} --out report"
+    echo(f"{run.mark} recorded {len(run.rows)} strokes in {run.folder}; {following}", err=True)
