@@ -23,7 +23,6 @@ import json
 import time
 from collections import Counter
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -34,15 +33,14 @@ from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.diagnosis.reference.conditions import ReferenceParts
 from rfca_rig.diagnosis.reference.problem import ReferenceProblem
 from rfca_rig.errors import RigError
-from rfca_rig.model.catalogue import list_related, members_of
 from rfca_rig.progress import ignore_share
+from tests.benchmarks.changes import STDS_OF_90, MarkedPair, print_marks, print_misses
 from tests.benchmarks.servo import (
     BODY_EFFECTS,
     LARGEST_SUPPLY_ERROR,
     SUPPLY_STD,
     change_of_gravity,
     describe,
-    describe_answer,
     draw_servo,
     implied_change,
     list_known_before,
@@ -81,9 +79,6 @@ RIGHT = {
     FRICTION: DRY_LAWS,
     TWO: BODY_EFFECTS | DRY_LAWS,
 }
-SIZES_IN_LIMITS = (0.0, 1.0, 2.0, 4.0, 8.0)
-MARKS = ("effect", "slot", "wrong", "silent")
-STDS_OF_90 = 1.645
 
 
 @dataclass(frozen=True)
@@ -259,24 +254,6 @@ def answer(seed, number, folder, way, parts):
     return said
 
 
-def mark(said):
-    """effect, slot, wrong or silent; of an unchanged pair every statement is wrong.
-
-    Of two changes, one that is stated alone is right.
-    """
-    right = RIGHT[said["kind"]]
-    stated = frozenset(said["effects"])
-    if stated:
-        if stated <= right:
-            return "effect"
-        if stated <= list_related(right):
-            return "slot"
-        return "wrong"
-    if said["family"] is not None:
-        return "slot" if members_of(said["family"]["id"]) & right else "wrong"
-    return "silent"
-
-
 def size_error(said):
     """Implied over true change of the weight's torque, less 1, and whether the 90 % interval holds
     the truth; None where no change of a body is stated, or none is there.
@@ -326,56 +303,17 @@ def size_in_limits(said, limits):
     return min(sizes)
 
 
-def print_table(title, answers, limits):
-    """Marks by size of the change, sizes, and claims of unchanged pairs."""
-    print(f"\n{title}")
-    for is_other in (False, True):
-        group = [said for said in answers if said["is_other"] == is_other]
-        if not group:
-            continue
-        print("other motions" if is_other else "the same motions")
-        unchanged = [said for said in group if said["kind"] == NOTHING]
-        claims = sum(mark(said) != "silent" for said in unchanged)
-        print(f"  nothing changed: {claims} claims in {len(unchanged)}")
-        print(f"  {'change / limit':<26}" + "".join(f"{word:>8}" for word in MARKS))
-        for label, kinds in (("one change", (WEIGHT, ARM, FRICTION)), ("two changes", (TWO,))):
-            for low, high in pairwise((*SIZES_IN_LIMITS, np.inf)):
-                row = [
-                    said
-                    for said in group
-                    if said["kind"] in kinds and low <= size_in_limits(said, limits) < high
-                ]
-                counts = Counter(mark(said) for said in row)
-                numbers = "".join(f"{counts[word]:>8}" for word in MARKS)
-                print(f"  {f'{label}, {low:g} to {high:g}':<26}{numbers}")
-        errors = [error for said in group if (error := size_error(said)) is not None]
-        if errors:
-            median = np.median([abs(error) for error, _ in errors])
-            held = sum(is_held for _, is_held in errors)
-            print(
-                f"  size error: median {100.0 * median:.1f} %; "
-                f"90 % intervals hold {held} of {len(errors)}"
-            )
-
-
-def print_misses(answers, limits):
-    """A line for each wrong statement, silence at 4 limits and more, and size outside."""
-    for said in answers:
-        is_changed = said["kind"] != NOTHING
-        size = size_in_limits(said, limits) if is_changed else 0.0
-        marked = mark(said)
-        notes = []
-        if marked == "wrong" or (not is_changed and marked != "silent"):
-            notes.append("wrong")
-        if is_changed and marked in ("silent", "slot") and size >= 4.0:
-            notes.append(marked)
-        error = size_error(said)
-        if error is not None and not error[1]:
-            notes.append(f"size {100.0 * error[0]:+.0f} %")
-        if notes:
-            other = ", other motions" if said["is_other"] else ""
-            head = f"pair {said['number']}, {said['kind']}, {size:.1f} limits{other}"
-            print(f"{head}: {', '.join(notes)}; {describe_answer(said)}")
+def mark(said, limits):
+    """The pair as the tables count it."""
+    is_changed = said["kind"] != NOTHING
+    error = size_error(said)
+    return MarkedPair(
+        said,
+        right=RIGHT[said["kind"]],
+        is_two=said["kind"] == TWO,
+        limits=size_in_limits(said, limits) if is_changed else 0.0,
+        size_errors=() if error is None else (error,),
+    )
 
 
 def main():
@@ -400,11 +338,14 @@ def main():
     of_weight = 100.0 * limits[WEIGHT]
     of_friction = 100.0 * limits[FRICTION]
     print(f"limits: {of_weight:.1f} % of the weight, {of_friction:.0f} % of dry friction")
-    print_table(way.replace("-", " "), answers, limits)
-    print_misses(answers, limits)
+    pairs = [mark(said, limits) for said in answers]
+    print(f"\n{way.replace('-', ' ')}")
+    print_marks(pairs, "motions")
+    print_misses(pairs, "motions")
     if asked.alone:
         alone = [answer(asked.seed, number, asked.folder, "alone", parts) for number in numbers]
-        print_table("without a reference", alone, limits)
+        print("\nwithout a reference")
+        print_marks([mark(said, limits) for said in alone], "motions")
     print(f"median CPU seconds: {np.median([said['cpu_s'] for said in answers]):.0f}")
 
 

@@ -20,9 +20,7 @@ Answers stay in FOLDER; the same command goes on.
 import argparse
 import csv
 import json
-from collections import Counter
 from dataclasses import asdict, dataclass, replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -33,9 +31,8 @@ from rfca_rig.exam.cases import MAX_DELAY_S, PAPER_CONDITIONS, Case, sample_unkn
 from rfca_rig.exam.hidden_laws import draw_law
 from rfca_rig.exam.nominal_world import draw_nominal_errors, draw_structured_error
 from rfca_rig.exam.simulate_campaign import write_campaign
-from rfca_rig.model.catalogue import list_related, members_of
+from tests.benchmarks.changes import STDS_OF_90, MarkedPair, print_marks, print_misses
 from tests.benchmarks.reference import plain_answer
-from tests.benchmarks.servo import describe_answer
 
 NOTHING = "nothing"
 TWO = "stiffness and dry friction"
@@ -71,9 +68,6 @@ MODEL_ERROR = 0.01
 # Outside of the catalogue, in every second pair, hardly above the usual model error.
 STRANGERS = ("tendon", "sensor_curvature", "hose_at_the_shaft", "hinge_asymmetry")
 STRANGER_STRENGTH = 0.3
-SIZES_IN_LIMITS = (0.0, 1.0, 2.0, 4.0, 8.0)
-MARKS = ("effect", "slot", "wrong", "silent")
-STDS_OF_90 = 1.645
 
 
 @dataclass(frozen=True)
@@ -198,29 +192,6 @@ def answer(seed, number, folder, runs, is_unchanged_elsewhere):
     return said
 
 
-def list_right(said):
-    """The effects that are right."""
-    return frozenset(SIZES[part][0] for part in said["sizes"])
-
-
-def mark(said):
-    """effect, slot, wrong or silent; of an unchanged pair every statement is wrong.
-
-    Of two changes, one that is stated alone is right.
-    """
-    right = list_right(said)
-    stated = frozenset(said["effects"])
-    if stated:
-        if stated <= right:
-            return "effect"
-        if stated <= list_related(right):
-            return "slot"
-        return "wrong"
-    if said["family"] is not None:
-        return "slot" if members_of(said["family"]["id"]) & right else "wrong"
-    return "silent"
-
-
 def list_size_errors(said):
     """Of each right effect stated: stated over true size, less 1, and whether the 90 % interval
     holds the truth.
@@ -250,63 +221,17 @@ def find_limits(answers):
     return limits
 
 
-def size_in_limits(said, limits):
-    """The change in detection limits; of two the smaller one."""
-    return min(abs(size) / limits[part] for part, size in said["sizes"].items())
-
-
-def print_table(answers, limits):
-    """Marks by size of the change, sizes, and claims of unchanged pairs."""
-    for is_other in (False, True):
-        group = [said for said in answers if said["is_other"] == is_other]
-        if not group:
-            continue
-        print("other conditions" if is_other else "the same conditions")
-        unchanged = [said for said in group if said["kind"] == NOTHING]
-        claims = sum(mark(said) != "silent" for said in unchanged)
-        print(f"  nothing changed: {claims} claims in {len(unchanged)}")
-        print(f"  {'change / limit':<26}" + "".join(f"{word:>8}" for word in MARKS))
-        for label, wants_two in (("one change", False), ("two changes", True)):
-            for low, high in pairwise((*SIZES_IN_LIMITS, np.inf)):
-                row = [
-                    said
-                    for said in group
-                    if said["sizes"]
-                    and (said["kind"] == TWO) == wants_two
-                    and low <= size_in_limits(said, limits) < high
-                ]
-                counts = Counter(mark(said) for said in row)
-                both = sum(list_right(said) == set(said["effects"]) for said in row)
-                numbers = "".join(f"{counts[word]:>8}" for word in MARKS)
-                end = f"   both {both}" if wants_two else ""
-                print(f"  {f'{label}, {low:g} to {high:g}':<26}{numbers}{end}")
-        errors = [error for said in group for error in list_size_errors(said)]
-        if errors:
-            median = np.median([abs(error) for error, _ in errors])
-            held = sum(is_held for _, is_held in errors)
-            print(
-                f"  size error: median {100.0 * median:.1f} %; "
-                f"90 % intervals hold {held} of {len(errors)}"
-            )
-
-
-def print_misses(answers, limits):
-    """A line for each wrong statement, silence at 4 limits and more, and size outside."""
-    for said in answers:
-        size = size_in_limits(said, limits) if said["sizes"] else 0.0
-        marked = mark(said)
-        notes = []
-        if marked == "wrong" or (not said["sizes"] and marked != "silent"):
-            notes.append("wrong")
-        if said["sizes"] and marked in ("silent", "slot") and size >= 4.0:
-            notes.append(marked)
-        for error, is_held in list_size_errors(said):
-            if not is_held:
-                notes.append(f"size {100.0 * error:+.0f} %")
-        if notes:
-            other = ", other conditions" if said["is_other"] else ""
-            head = f"pair {said['number']}, {said['kind']}, {size:.1f} limits{other}"
-            print(f"{head}: {', '.join(notes)}; {describe_answer(said)}")
+def mark(said, limits):
+    """The pair as the tables count it."""
+    sizes = said["sizes"]
+    in_limits = [abs(size) / limits[part] for part, size in sizes.items()]
+    return MarkedPair(
+        said,
+        right=frozenset(SIZES[part][0] for part in sizes),
+        is_two=said["kind"] == TWO,
+        limits=min(in_limits, default=0.0),
+        size_errors=tuple(list_size_errors(said)),
+    )
 
 
 def main():
@@ -326,8 +251,12 @@ def main():
     ]
     limits = find_limits(answers)
     print("limits: " + ", ".join(f"{kind} {limit:.3g}" for kind, limit in limits.items()))
-    print_table(answers, limits)
-    print_misses(answers, limits)
+    pairs = [mark(said, limits) for said in answers]
+    print_marks(pairs, "conditions")
+    print_misses(pairs, "conditions")
+    two = [pair for pair in pairs if pair.is_two]
+    both = sum(pair.right == set(pair.said["effects"]) for pair in two)
+    print(f"two changes: {both} of {len(two)} name both")
     print(f"median CPU seconds: {np.median([said['cpu_s'] for said in answers]):.0f}")
 
 
