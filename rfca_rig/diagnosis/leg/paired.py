@@ -11,12 +11,12 @@ from rfca_rig.diagnosis.leg.prepared import (
     FIRST_GUESS,
     Alignment,
     PreparedLeg,
-    group_recordings,
+    align_leg,
     prepare_leg,
 )
 from rfca_rig.diagnosis.leg.shaft_observations import AS_COMMANDED_RAD, measure_other_turn
 from rfca_rig.diagnosis.leg.simulator import LegSimulator
-from rfca_rig.diagnosis.leg.strokes import StrokeBins, choose_common_bins
+from rfca_rig.diagnosis.leg.strokes import StrokeBins
 from rfca_rig.diagnosis.simulator import Dataset, make_dataset
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.model import Recording
@@ -59,22 +59,24 @@ def pair_legs(new: Sequence[Recording], reference: Sequence[Recording]) -> Paire
         replace(recording, nominal=first.nominal, known_to=first.known_to)
         for recording in reference
     ]
-    alone = [prepare_leg(new), *(prepare_leg([recording]) for recording in reference)]
-    for leg in alone[1:]:
-        _refuse_other_turns(alone[0], leg)
+    prepared = prepare_leg(new)
+    earlier = [prepare_leg([recording]) for recording in reference]
+    for leg in earlier:
+        _refuse_other_turns(prepared, leg)
+    alone = (prepared, *earlier)
     # The approach of the stages is a guess, and the same guess in both cancels.
     moves = next((leg.tables[0].moves for leg in reversed(alone) if leg.tables), FIRST_GUESS)
     alignment = Alignment(
-        bins=_choose_bins(new, reference),
+        bins=_choose_bins(prepared, earlier),
         as_commanded=all(leg.as_commanded for leg in alone),
         before_s=min(leg.before_s for leg in alone),
         moves=moves,
     )
-    prepared = [
-        _name_recording(prepare_leg([recording], alignment), number)
-        for number, recording in enumerate(reference, start=1)
+    aligned = [
+        _name_recording(align_leg(leg, alignment), number)
+        for number, leg in enumerate(earlier, start=1)
     ]
-    return PairedLeg(prepare_leg(new, alignment), tuple(prepared))
+    return PairedLeg(align_leg(prepared, alignment), tuple(aligned))
 
 
 def _refuse_other_turns(new: PreparedLeg, reference: PreparedLeg) -> None:
@@ -98,20 +100,16 @@ def _refuse_other_turns(new: PreparedLeg, reference: PreparedLeg) -> None:
             )
 
 
-def _choose_bins(new: Sequence[Recording], reference: Sequence[Recording]) -> dict[str, StrokeBins]:
-    """Bins by label of the condition, for those conditions that both have."""
-    recorded = {condition.label: condition for condition in group_recordings(new)}
-    bins: dict[str, StrokeBins] = {}
-    for recording in reference:
-        for other in group_recordings([recording]):
-            if other.label not in recorded:
-                continue
-            common = choose_common_bins(recorded[other.label], other)
-            if common is None:
-                continue
-            if other.label in bins:
-                common = common.within(*bins[other.label].edges_s[[0, -1]].tolist())
-            bins[other.label] = common
+def _choose_bins(new: PreparedLeg, reference: Sequence[PreparedLeg]) -> dict[str, StrokeBins]:
+    """The bins of the new recordings, as far as the reference covers them, by label of the
+    condition.
+    """
+    bins = {strokes.condition.label: strokes.choose_bins() for strokes in new.detected}
+    for leg in reference:
+        for strokes in leg.detected:
+            label = strokes.condition.label
+            if label in bins:
+                bins[label] = bins[label].within(*strokes.covered_s)
     return bins
 
 

@@ -18,9 +18,11 @@ from rfca_rig.diagnosis.leg.shaft_observations import (
 from rfca_rig.diagnosis.leg.simulator import infer_approach, make_leg_dataset, nuisances_of
 from rfca_rig.diagnosis.leg.stages import HOLD_S, StageTable, make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import (
+    DetectedStrokes,
     DynamicCondition,
     StrokeBins,
-    make_dynamic_condition,
+    bin_strokes,
+    detect_strokes,
     make_turn,
 )
 from rfca_rig.diagnosis.simulator import Dataset
@@ -57,6 +59,8 @@ class PreparedLeg:
         How many strokes the leg has made in all; None where their order is not known.
     before_s
         Time before the start of a stroke that all recordings cover.
+    detected
+        The strokes behind each of `flaps`.
     """
 
     title: str
@@ -71,6 +75,7 @@ class PreparedLeg:
     remarks: tuple[str, ...]
     strokes_made: int | None = None
     before_s: float = 0.0
+    detected: tuple[DetectedStrokes, ...] = ()
 
     @property
     def dataset(self) -> Dataset:
@@ -106,88 +111,117 @@ class Alignment:
 FIRST_GUESS = StageMoves(1.0, 0.005, HOLD_S)
 
 
-def prepare_leg(recordings: Sequence[Recording], alignment: Alignment | None = None) -> PreparedLeg:
+def prepare_leg(recordings: Sequence[Recording]) -> PreparedLeg:
     """Cut the recordings into conditions, with the nominal rig and its nuisance parameters.
 
-    Parameters
-    ----------
-    recordings
-        Recordings of one leg.
-    alignment
-        What they have in common with others; None where they stand alone.
-
-    Raises
-    ------
-    BadInput
-        Where the recordings have different nominal models.
+    Raises BadInput where the recordings have different nominal models.
     """
     first = recordings[0]
     refuse_other_nominal(recordings, "diagnose them one by one")
     rig = nominal_model(first.nominal)
     noise_std = first.nominal["sensor"].get("noise_std") or {}
-    bins: Mapping[str, StrokeBins] = {} if alignment is None else alignment.bins
-    conditions = group_recordings(recordings)
-    # Two passes: whether the shaft follows its command must be known before the final turn of each
-    # condition is chosen.
-    probed = [
-        make_dynamic_condition(
-            condition, noise_std, make_turn(condition, False), bins.get(condition.label)
-        )
-        for condition in conditions
-    ]
-    remarks = tuple(f"left out: {flap.reason}" for flap in probed if isinstance(flap, Undetermined))
-    usable = [
-        (c, f) for c, f in zip(conditions, probed, strict=True) if not isinstance(f, Undetermined)
-    ]
-    shafts = tuple(
-        s
-        for c, f in usable
-        if (s := make_shaft_condition(c, float(f.t_s[-1]), rig.drive.ramp_s)) is not None
+    conditions = group_by_condition(
+        stroke for recording in recordings for stroke in recording.strokes
     )
-    if alignment is None:
-        as_commanded = all(tracks_command(shaft, rig.drive.ramp_s) for shaft in shafts)
-        before_s = _before_start_s(condition for condition, _ in usable)
-    else:
-        as_commanded = alignment.as_commanded
-        before_s = alignment.before_s
-    # A drive cannot be early: a negative delay is noise.
-    late = {shaft.label: max(estimate_delay_s(shaft, rig.drive.ramp_s), 0.0) for shaft in shafts}
-    flaps = tuple(
-        replace(flap, turn=make_turn(condition, not as_commanded, late.get(flap.label, 0.0)))
-        for condition, flap in usable
+    detected = [detect_strokes(condition) for condition in conditions]
+    remarks = tuple(
+        f"left out: {strokes.reason}" for strokes in detected if isinstance(strokes, Undetermined)
     )
+    usable = tuple(strokes for strokes in detected if not isinstance(strokes, Undetermined))
     known_to = {key: float(value) for key, value in first.known_to.items() if value is not None}
+    before_s = _before_start_s(strokes.condition for strokes in usable)
     coordinates = Parameterization(nuisances_of(rig, known_to, before_s))
     stages = [stage for recording in recordings for stage in recording.static]
     tables = make_stage_tables(stages, noise_std, FIRST_GUESS)
     if tables:
         # The approach of static stages is not recorded. The first guess is made at the prior means;
         # the search improves it.
-        if alignment is None:
-            moves = infer_approach(tables, coordinates.supposed, np.zeros(coordinates.size))
-        else:
-            moves = alignment.moves
+        moves = infer_approach(tables, coordinates.supposed, np.zeros(coordinates.size))
         tables = tuple(replace(table, moves=moves) for table in tables)
-    title = "; ".join(recording.title for recording in recordings)
+    # Whether the shaft follows its command must be known before the final turn of each condition is
+    # chosen.
+    probed = _bin_all(usable, noise_std, {})
+    shafts = _make_shafts(usable, probed, rig)
+    as_commanded = all(tracks_command(shaft, rig.drive.ramp_s) for shaft in shafts)
     return PreparedLeg(
-        title,
-        rig,
-        known_to,
-        noise_std,
-        flaps,
-        shafts,
-        tables,
-        as_commanded,
-        coordinates,
-        remarks,
-        _strokes_made(recordings),
-        before_s,
+        title="; ".join(recording.title for recording in recordings),
+        rig=rig,
+        known_to=known_to,
+        noise_std=noise_std,
+        flaps=_turn_all(usable, probed, shafts, as_commanded, rig),
+        shafts=shafts,
+        tables=tables,
+        as_commanded=as_commanded,
+        coordinates=coordinates,
+        remarks=remarks,
+        strokes_made=_strokes_made(recordings),
+        before_s=before_s,
+        detected=usable,
     )
 
 
-def group_recordings(recordings: Sequence[Recording]) -> tuple[Condition, ...]:
-    """The strokes of all recordings by condition."""
-    return group_by_condition(stroke for recording in recordings for stroke in recording.strokes)
+def align_leg(leg: PreparedLeg, alignment: Alignment) -> PreparedLeg:
+    """The same recordings with what they have in common with others."""
+    probed = _bin_all(leg.detected, leg.noise_std, alignment.bins)
+    shafts = _make_shafts(leg.detected, probed, leg.rig)
+    nuisances = nuisances_of(leg.rig, leg.known_to, alignment.before_s)
+    return replace(
+        leg,
+        flaps=_turn_all(leg.detected, probed, shafts, alignment.as_commanded, leg.rig),
+        shafts=shafts,
+        tables=tuple(replace(table, moves=alignment.moves) for table in leg.tables),
+        as_commanded=alignment.as_commanded,
+        coordinates=Parameterization(nuisances),
+        before_s=alignment.before_s,
+    )
+
+
+def _bin_all(
+    detected: Sequence[DetectedStrokes],
+    noise_std: Mapping[str, float | None],
+    bins: Mapping[str, StrokeBins],
+) -> list[DynamicCondition]:
+    """All conditions as observations: in these bins by label, or else in their own; the shaft turns
+    as commanded.
+    """
+    flaps = []
+    for strokes in detected:
+        condition = strokes.condition
+        chosen = bins.get(condition.label) or strokes.choose_bins()
+        flaps.append(bin_strokes(strokes, chosen, noise_std, make_turn(condition, False)))
+    return flaps
+
+
+def _make_shafts(
+    detected: Sequence[DetectedStrokes], flaps: Sequence[DynamicCondition], rig: RigModel
+) -> tuple[ShaftCondition, ...]:
+    """The motion of the shaft in each condition in which it was recorded, as long as its flap."""
+    shafts = []
+    for strokes, flap in zip(detected, flaps, strict=True):
+        end_s = float(flap.t_s[-1])
+        shaft = make_shaft_condition(strokes.condition, end_s, rig.drive.ramp_s)
+        if shaft is not None:
+            shafts.append(shaft)
+    return tuple(shafts)
+
+
+def _turn_all(
+    detected: Sequence[DetectedStrokes],
+    flaps: Sequence[DynamicCondition],
+    shafts: Sequence[ShaftCondition],
+    as_commanded: bool,
+    rig: RigModel,
+) -> tuple[DynamicCondition, ...]:
+    """The conditions with the turn that is simulated: as commanded with the drive's delay, or as
+    recorded.
+    """
+    # A drive cannot be early: a negative delay is noise.
+    late = {shaft.label: max(estimate_delay_s(shaft, rig.drive.ramp_s), 0.0) for shaft in shafts}
+    turned = []
+    for strokes, flap in zip(detected, flaps, strict=True):
+        turn = make_turn(strokes.condition, not as_commanded, late.get(flap.label, 0.0))
+        turned.append(replace(flap, turn=turn))
+    return tuple(turned)
 
 
 def _strokes_made(recordings: Sequence[Recording]) -> int | None:

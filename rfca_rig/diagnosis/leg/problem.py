@@ -50,7 +50,6 @@ from rfca_rig.diagnosis.result import Diagnosed, Diagnosis, join_not_seen
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.model.declarations.changes import VALUE_OF_CHANGE
 from rfca_rig.model.effect import LEG_SIDE, MOTOR_SIDE, Effect
 from rfca_rig.protocol.plan import Limits
 from rfca_rig.recording.layout import identity_of
@@ -234,7 +233,7 @@ class LegProblem(Problem):
             reference=paired.reference_dataset(),
             space=new.coordinates.space,
             free=NUISANCES_OF_A_DAY,
-            effects=select_candidates(list_candidates(new), set(without) - VALUE_OF_CHANGE.keys()),
+            effects=select_candidates(list_candidates(new), without),
             config=DEFAULT_SEARCH,
             solve=solve,
             clear_proposal=clear_proposal,

@@ -234,21 +234,49 @@ def _list_common_signals(strokes: Sequence[Stroke]) -> tuple[str, ...]:
     return tuple(common)
 
 
+@dataclass(frozen=True)
+class DetectedStrokes:
+    """The strokes of a condition that show a touchdown and a valley, the medians of their moments,
+    and their mean valley.
+    """
+
+    condition: Condition
+    strokes: tuple[Stroke, ...]
+    phases: StrokePhases
+    valley: Valley
+
+    @property
+    def covered_s(self) -> tuple[float, float]:
+        """First and last time that all of them cover."""
+        times = [stroke.channel("fz_N")[0] for stroke in self.strokes]  # type: ignore[index]
+        return float(max(t_s[0] for t_s in times)), float(min(t_s[-1] for t_s in times))
+
+    def choose_bins(self) -> StrokeBins:
+        """Bins that follow their moments, over the time that all of them cover."""
+        return StrokeBins(_edges(*self.covered_s, self.phases), self.phases)
+
+
 def make_dynamic_condition(
-    condition: Condition,
+    condition: Condition, noise_std: Mapping[str, float | None], turn: ShaftTurn
+) -> DynamicCondition | Undetermined:
+    """The condition as observations in its own bins; refused where none of its strokes shows a
+    touchdown and a valley.
+    """
+    detected = detect_strokes(condition)
+    if isinstance(detected, Undetermined):
+        return detected
+    return bin_strokes(detected, detected.choose_bins(), noise_std, turn)
+
+
+def bin_strokes(
+    detected: DetectedStrokes,
+    bins: StrokeBins,
     noise_std: Mapping[str, float | None],
     turn: ShaftTurn,
-    bins: StrokeBins | None = None,
-) -> DynamicCondition | Undetermined:
-    """The condition as observations, in these bins or in its own; refused where none of its strokes
-    shows a touchdown and a valley.
-    """
-    seen = _detect_strokes(condition)
-    if isinstance(seen, Undetermined):
-        return seen
-    strokes = seen.strokes
-    if bins is None:
-        bins = _choose_bins(seen)
+) -> DynamicCondition:
+    """The condition of these strokes as observations in these bins."""
+    condition = detected.condition
+    strokes = detected.strokes
     signals = _list_common_signals(strokes)
     time = strokes[0].channel("fz_N")[0]  # type: ignore[index]
     inside = (time >= bins.edges_s[0]) & (time < bins.edges_s[-1])
@@ -268,29 +296,13 @@ def make_dynamic_condition(
         repeats,
         bins.phases,
         noise,
-        seen.valley,
+        detected.valley,
         collect_strokes_before(strokes),
     )
 
 
-@dataclass(frozen=True)
-class _SeenStrokes:
-    """The strokes of a condition that show a touchdown and a valley, the medians of their moments,
-    and their mean valley.
-    """
-
-    strokes: tuple[Stroke, ...]
-    phases: StrokePhases
-    valley: Valley
-
-    @property
-    def covered_s(self) -> tuple[float, float]:
-        """First and last time that all of them cover."""
-        times = [stroke.channel("fz_N")[0] for stroke in self.strokes]  # type: ignore[index]
-        return float(max(t_s[0] for t_s in times)), float(min(t_s[-1] for t_s in times))
-
-
-def _detect_strokes(condition: Condition) -> _SeenStrokes | Undetermined:
+def detect_strokes(condition: Condition) -> DetectedStrokes | Undetermined:
+    """The usable strokes of a condition, or why there is none."""
     detections = [(stroke, *_valley_and_phases(stroke)) for stroke in condition.strokes]
     good = [
         (stroke, valley, phases)
@@ -314,23 +326,7 @@ def _detect_strokes(condition: Condition) -> _SeenStrokes | Undetermined:
     valley = Valley(
         float(np.mean([v.time_s for _, v, _ in good])), float(np.mean([v.fz_N for _, v, _ in good]))
     )
-    return _SeenStrokes(tuple(stroke for stroke, _, _ in good), phases, valley)
-
-
-def _choose_bins(seen: _SeenStrokes) -> StrokeBins:
-    """Bins of the time that all repeats cover."""
-    return StrokeBins(_edges(*seen.covered_s, seen.phases), seen.phases)
-
-
-def choose_common_bins(condition: Condition, other: Condition) -> StrokeBins | None:
-    """The bins of a condition, as far as another recording of it covers them; None where one of
-    both cannot be used.
-    """
-    seen = _detect_strokes(condition)
-    seen_other = _detect_strokes(other)
-    if isinstance(seen, Undetermined) or isinstance(seen_other, Undetermined):
-        return None
-    return _choose_bins(seen).within(*seen_other.covered_s)
+    return DetectedStrokes(condition, tuple(stroke for stroke, _, _ in good), phases, valley)
 
 
 def _thin_out(t_s: Floats, first: NDArray[np.intp]) -> tuple[Floats, NDArray[np.intp]]:

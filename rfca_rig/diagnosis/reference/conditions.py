@@ -199,6 +199,7 @@ def compare_with_reference(
         What is used of it.
     """
     compared = []
+    value_slopes = fit.value_slopes()
     for number, part in enumerate(pair.new.parts):
         of_part = np.flatnonzero(pair.new.rows.condition == number)
         observed = part.rows()
@@ -227,7 +228,7 @@ def compare_with_reference(
         else:
             share = max(fit.error / USUAL_ERROR, 1.0) if parts.covariance else 1.0
             observed = _scale_error(observed, share)
-        shared = np.where(fit.free, 0.0, slope / fit.value_slopes())
+        shared = np.where(fit.free, 0.0, slope / value_slopes)
         compared.append(ReferencedCondition(part, observed, shared, directions, matches))
     simulator = ReferenceSimulator(pair.new.simulator, fit, fit.read_values())
     return make_dataset(compared, simulator)

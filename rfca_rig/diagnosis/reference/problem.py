@@ -232,7 +232,9 @@ class ReferenceProblem(Problem):
 
     def solve(self, without: Collection[str], progress: Progress) -> ReferenceSolution:
         """Fit the reference, compare, search and decide."""
-        pair = self.new.pair_with(self.reference, without, progress)
+        # Changes of values are no effects that a kind of rig knows.
+        of_rig = set(without) - VALUE_OF_CHANGE.keys()
+        pair = self.new.pair_with(self.reference, of_rig, progress)
         fit = fit_reference(
             pair,
             lambda text, share: progress(f"reference: {text}", SHARE_OF_REFERENCE * share),
