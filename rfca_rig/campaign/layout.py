@@ -18,7 +18,6 @@ from rfca_rig.description.sections import (
 from rfca_rig.toml import NotNegative, Positive, Section
 
 CAMPAIGN_FORMAT = "rfca-campaign/1"
-CAMPAIGN = "campaign.toml"
 
 Text = Annotated[str, Field(min_length=1)]
 

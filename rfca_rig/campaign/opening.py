@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 from rfca_rig.campaign.experiment import Experiment, read_experiment
-from rfca_rig.campaign.layout import CAMPAIGN
 from rfca_rig.campaign.pendulum import FILE_NAME as PENDULUM
 from rfca_rig.campaign.pendulum import read_pendulum, run_files
 from rfca_rig.campaign.plausibility import refuse_slips
@@ -20,7 +19,7 @@ from rfca_rig.errors import BadInput, RigError
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.atomic import make_folder_atomically
-from rfca_rig.recording.layout import EXPERIMENT, refuse_links
+from rfca_rig.recording.layout import CAMPAIGN, EXPERIMENT, refuse_links
 from rfca_rig.recording.model import Recording, Stream
 from rfca_rig.recording.outside import refuse_outside
 from rfca_rig.recording.run_folder import partial_of, read_partial

@@ -12,13 +12,13 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.layout import CAMPAIGN, CAMPAIGN_FORMAT, CampaignFile, DynamicRun
+from rfca_rig.campaign.layout import CAMPAIGN_FORMAT, CampaignFile, DynamicRun
 from rfca_rig.campaign.table import CsvTable, number, numbers, read_table, rows
 from rfca_rig.description.model_file import read_named_curve
 from rfca_rig.description.sections import RigSections
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
-from rfca_rig.recording.layout import HINGES, SHAFT, UNITS, WRENCH, sha256_of
+from rfca_rig.recording.layout import CAMPAIGN, HINGES, SHAFT, UNITS, WRENCH, sha256_of
 from rfca_rig.recording.model import Column, Direction, Recording, StaticStage, Stream, Stroke
 from rfca_rig.recording.outside import refuse_outside
 from rfca_rig.toml import place_of, read_text, read_toml

@@ -14,12 +14,11 @@ from pydantic import Field
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import write_atomically
-from rfca_rig.recording.layout import EXPERIMENT, HEADER, PENDULUM, RECORDING
+from rfca_rig.recording.layout import CAMPAIGN, EXPERIMENT, HEADER, PENDULUM, RECORDING
 from rfca_rig.toml import Section, read_data, read_text, read_toml, table
 
 REFERENCES = "references.toml"
 FORMAT = "rfca-references/1"
-CAMPAIGN = "campaign.toml"
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,8 @@ SUMS = "SHA256SUMS"
 PENDULUM = "pendulum.toml"
 # Describes recordings of a mechanism, in files of any kind.
 EXPERIMENT = "experiment.toml"
+# Describes a campaign on a leg that was recorded elsewhere.
+CAMPAIGN = "campaign.toml"
 # In the folder of a diagnosis.
 DIAGNOSIS = "diagnosis.json"
 BALLAST = ".ballast"

@@ -13,11 +13,11 @@ from pathlib import Path, PurePath
 
 from rfca_rig import __version__
 from rfca_rig.bench.provenance import NOT_A_CHECKOUT, UNKNOWN, source_state
-from rfca_rig.campaign.layout import CAMPAIGN
 from rfca_rig.campaign.pendulum import FILE_NAME as PENDULUM
 from rfca_rig.clock import TwinClock
 from rfca_rig.description.sections import AboutSection
 from rfca_rig.recording.layout import (
+    CAMPAIGN,
     ENDING,
     EXPERIMENT,
     HEADER,

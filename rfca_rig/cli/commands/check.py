@@ -53,9 +53,8 @@ def check(
 
     Example: rfca-rig check runs/REAL-flapping-001
     """
-    from rfca_rig.campaign.layout import CAMPAIGN
     from rfca_rig.campaign.opening import experiment_among
-    from rfca_rig.recording.layout import EXPERIMENT, PENDULUM
+    from rfca_rig.recording.layout import CAMPAIGN, EXPERIMENT, PENDULUM
 
     # A folder is described by the file in it; either names the recordings.
     if path.name in (CAMPAIGN, EXPERIMENT, PENDULUM) and path.is_file():

@@ -1,7 +1,7 @@
 """rfca-rig reference set, show, clear and history: the runs with which later ones are compared."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,6 +12,7 @@ from rfca_rig.cli.terminal import echo
 from rfca_rig.errors import BadInput, RigError
 
 if TYPE_CHECKING:
+    from rfca_rig.diagnosis.problem import Problem
     from rfca_rig.diagnosis.result import Value
     from rfca_rig.logbook.entry import Entry
     from rfca_rig.logbook.references import ReferenceSection
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 app = typer.Typer(
     help="Runs from when all was well: later runs are compared with them.", no_args_is_help=True
 )
-Run = Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.")]
 FEWEST_RUNS = 2
 
 
@@ -78,7 +78,9 @@ def show(
 
 
 @app.command(cls=Command)
-def clear(run: Run) -> None:
+def clear(
+    run: Annotated[Path, typer.Argument(metavar="RUN", help="The folder of a run.")],
+) -> None:
     """Forget the reference of a run's rig and sample; the runs stay.
 
     Example: rfca-rig reference clear runs/REAL-test-001
@@ -156,12 +158,14 @@ def _choose_reference(runs: Path, rig: str, sample: str) -> "ReferenceSection":
 def _track(runs: Path, reference: "ReferenceSection", quiet: bool) -> "RigHistory":
     """The history of the rig of a reference. Raises BadInput where it has no run to compare."""
     from rfca_rig.cli.progress import progress
+    from rfca_rig.diagnosis.opening import open_problem
     from rfca_rig.executors.cores import cores
     from rfca_rig.executors.parallel import map_in_processes
     from rfca_rig.reports.history.result import RigHistory, TrackedRun
 
-    entries = list(_list_later_runs(runs, reference))
-    folders = [runs / name for name in reference.runs]
+    entries = _list_later_runs(runs, reference)
+    # Opened once: copies of the process have it in memory.
+    opened = open_problem([runs / name for name in reference.runs])
     tracked = []
     left_out = []
     size = cores()
@@ -169,7 +173,7 @@ def _track(runs: Path, reference: "ReferenceSection", quiet: bool) -> "RigHistor
         for first in range(0, len(entries), size):
             bars.share("comparing runs", first / len(entries))
             block = entries[first : first + size]
-            tasks = [(runs / entry.folder, folders) for entry in block]
+            tasks = [(runs / entry.folder, opened) for entry in block]
             for entry, answer in zip(block, map_in_processes(_track_run, tasks), strict=True):
                 if isinstance(answer, str):
                     left_out.append((entry.folder, answer))
@@ -201,7 +205,7 @@ def _list_units(tracked: "Sequence[TrackedRun]") -> dict[str, str]:
     return units
 
 
-def _list_later_runs(runs: Path, reference: "ReferenceSection") -> "Iterator[Entry]":
+def _list_later_runs(runs: Path, reference: "ReferenceSection") -> "list[Entry]":
     """The runs of the reference's rig that are no part of it, in the order of time."""
     from rfca_rig.logbook.listing import find_runs
     from rfca_rig.logbook.reading import read_entry
@@ -217,10 +221,10 @@ def _list_later_runs(runs: Path, reference: "ReferenceSection") -> "Iterator[Ent
         # A damaged folder is no reason to hide the others; rfca-rig check names it.
         except BadInput:
             continue
-    yield from sorted(entries, key=lambda entry: entry.began_s)
+    return sorted(entries, key=lambda entry: entry.began_s)
 
 
-def _track_run(task: tuple[Path, Sequence[Path]]) -> "dict[str, Value] | str":
+def _track_run(task: "tuple[Path, Problem]") -> "dict[str, Value] | str":
     """The changes in one run, or why it cannot be compared."""
     from rfca_rig.diagnosis.opening import open_problem
     from rfca_rig.diagnosis.reference.history import track_changes
@@ -229,7 +233,7 @@ def _track_run(task: tuple[Path, Sequence[Path]]) -> "dict[str, Value] | str":
 
     run, reference = task
     try:
-        problem = ReferenceProblem(open_problem([run]), open_problem(reference))
+        problem = ReferenceProblem(open_problem([run]), reference)
         return dict(track_changes(problem, ignore_share))
     except RigError as error:
         return str(error)

@@ -22,8 +22,8 @@ from rfca_rig.reports.elements import (
     legend_line,
     paragraph,
 )
-from rfca_rig.reports.history.pictures import INTERVAL_STDS, TrackedValue, draw_value
-from rfca_rig.reports.history.result import RigHistory, words_of
+from rfca_rig.reports.history.pictures import TrackedValue, draw_value
+from rfca_rig.reports.history.result import INTERVAL_STDS, RigHistory, words_of
 from rfca_rig.reports.html_table import as_html
 from rfca_rig.reports.provenance import Origin, version_text
 from rfca_rig.reports.sections import PageSection

@@ -7,11 +7,9 @@ import numpy as np
 from matplotlib.axis import XAxis
 from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
 from matplotlib.figure import Figure
-from scipy import stats
 
-from rfca_rig.diagnosis.reference.history import INTERVAL
 from rfca_rig.escaping import html_text
-from rfca_rig.reports.history.result import RigHistory, describe_change, words_of
+from rfca_rig.reports.history.result import INTERVAL_STDS, RigHistory, describe_change, words_of
 from rfca_rig.reports.style import (
     FAINT,
     MEASURED,
@@ -28,8 +26,6 @@ from rfca_rig.reports.style import (
 HEIGHT_IN = 2.1
 # matplotlib counts days since 1970.
 DAY_S = 86400.0
-# Half of an interval in standard deviations of a normal error.
-INTERVAL_STDS = float(stats.norm.ppf(0.5 + 0.5 * INTERVAL))
 
 
 @dataclass(frozen=True)
@@ -73,8 +69,9 @@ def _label_dates(axis: XAxis) -> None:
     zone = datetime.now().astimezone().tzinfo
     # Fewer than eight fit on a phone.
     locator = AutoDateLocator(tz=zone, minticks=3, maxticks=7)  # type: ignore[no-untyped-call]
+    words = ConciseDateFormatter(locator, tz=zone)  # type: ignore[no-untyped-call]
     axis.set_major_locator(locator)
-    axis.set_major_formatter(ConciseDateFormatter(locator, tz=zone))  # type: ignore[no-untyped-call]
+    axis.set_major_formatter(words)
 
 
 def _list_hovers(

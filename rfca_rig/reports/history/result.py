@@ -5,6 +5,8 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any
 
+from scipy import stats
+
 from rfca_rig.diagnosis.reference.history import INTERVAL, Trend, fit_trend
 from rfca_rig.diagnosis.result import Value
 from rfca_rig.model.declarations.changes import CHANGES
@@ -12,6 +14,8 @@ from rfca_rig.reports.text import decimals, number
 
 FORMAT = "rfca-history/1"
 PERCENT = "%"
+# Half of an interval in standard deviations of a normal error.
+INTERVAL_STDS = float(stats.norm.ppf(0.5 + 0.5 * INTERVAL))
 
 
 @dataclass(frozen=True)
