@@ -18,6 +18,7 @@ SMOOTHING_HALF_WIDTH_S = 0.06
 NARROWER = 0.7
 # A cubic is too stiff for the second link of a double pendulum.
 POLYNOMIAL_DEGREE = 5
+NORMAL_PER_MEDIAN = 1.4826
 # Commands before and after a window: twice the longest plausible delay, and two of the longest
 # plausible lags.
 MARGIN_S = 0.1
@@ -145,6 +146,16 @@ def sample_std(values: Floats) -> Floats:
     # A uniform rounding error over one step has the deviation step / sqrt(12). The floor keeps
     # weights finite for simulated data.
     return np.asarray(np.maximum(np.maximum(from_neighbours, steps / np.sqrt(12.0)), 1e-9))
+
+
+def usual_std(values: Floats, factors: Floats) -> Floats:
+    """The same from the median of the second differences, for motions that jump now and then, as
+    at impacts; the noise of each sample is by `factors` (m, n) larger than that which is returned.
+    """
+    differences = np.abs(np.diff(values, 2, axis=0)) / factors[1:-1]
+    # Of a normal distribution the median of the magnitude is 1 / NORMAL_PER_MEDIAN deviations.
+    from_median = NORMAL_PER_MEDIAN * np.median(differences, axis=0) / np.sqrt(6.0)
+    return np.asarray(np.maximum(from_median, 1e-9))
 
 
 def smallest_step(values: Floats) -> float:

@@ -17,7 +17,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.analysis.samples import sample_std, usual_std
 from rfca_rig.campaign.column_faults import find_glitches
+from rfca_rig.campaign.free_bodies import convert_poses, list_free_columns, list_free_signals
 from rfca_rig.campaign.layout import (
     ANGLE_SPEED_UNITS,
     ANGLE_UNITS,
@@ -38,6 +40,7 @@ from rfca_rig.description.sections import AboutSection
 from rfca_rig.errors import BadInput
 from rfca_rig.escaping import toml_comment
 from rfca_rig.mechanism.contact_law import SphereOnPlane
+from rfca_rig.mechanism.free_joints import FreeFrame
 from rfca_rig.mechanism.load import Mechanism, load_mechanism, make_mechanism
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.layout import EXPERIMENT, is_inside
@@ -96,7 +99,8 @@ class MechanismRun:
     all zero where it was not driven.
 
     `prescribed` (m, p) are the positions of the prescribed joints. Samples with one of the
-    `glitches` are not among the rows.
+    `glitches` are not among the rows. `noise_factors` (m, s) are the noise of each sample over the
+    least one of its signal; None where that is constant.
     """
 
     label: str
@@ -107,6 +111,26 @@ class MechanismRun:
     driven: bool
     prescribed: Floats
     glitches: tuple[Glitch, ...] = ()
+    noise_factors: Floats | None = None
+
+    def estimate_noise(self) -> Floats:
+        """Standard deviations (s,) of the least noise of each signal, from its samples."""
+        if self.noise_factors is None:
+            return sample_std(self.signals)
+        # At impacts and gaps samples differ by much more, but only in a few of them.
+        return usual_std(self.signals, self.noise_factors)
+
+    def take(self, rows: NDArray[np.bool_]) -> "MechanismRun":
+        """The recording without the other samples; `rows` (m,)."""
+        factors = self.noise_factors
+        return replace(
+            self,
+            t_s=self.t_s[rows],
+            signals=self.signals[rows],
+            commands=self.commands[rows],
+            prescribed=self.prescribed[rows],
+            noise_factors=None if factors is None else factors[rows],
+        )
 
 
 @dataclass(frozen=True)
@@ -121,6 +145,7 @@ class Experiment:
     windows start from the measured state. The model may name files in the `model_folders` and in
     its own, anywhere if `allow_outside`. `mjcf` is the model as text where the file at `model`
     describes it in another format. `described` are the columns and units of the recordings.
+    `frames` are those of the free joints, whose windows may hold contacts if `holds_impacts`.
     """
 
     title: str
@@ -143,12 +168,14 @@ class Experiment:
     model_folders: tuple[Path, ...] = ()
     allow_outside: bool = False
     mjcf: str = ""
+    frames: tuple[FreeFrame, ...] = ()
+    holds_impacts: bool = False
 
     def load_model(self) -> Mechanism:
         """The mechanism, as its model describes it. Raises BadInput where that cannot be used."""
         if self.mjcf:
             return make_mechanism(self.model, self.mjcf)
-        return load_mechanism(self.model, self.model_folders, self.allow_outside)
+        return load_mechanism(self.model, self.model_folders, self.allow_outside, self.frames)
 
 
 def read_experiment(folder: Path, allow_outside: bool = False) -> Experiment:
@@ -197,6 +224,11 @@ def make_experiment(
     """
     folder = path.parent
     model = folder / described.model
+    runs = tuple(_read_run(folder, described, index) for index in range(len(described.recordings)))
+    frames, runs = convert_poses(path, described, runs)
+    described = described.model_copy(
+        update={"signals": (*described.signals, *list_free_signals(described))}
+    )
     signals = tuple(
         RecordedSignal(
             s.quantity or "sensor",
@@ -221,9 +253,9 @@ def make_experiment(
         chooses_windows=described.windows.length_s is None and described.start.state != "at rest",
         bin_s=described.windows.bin_s,
         most_windows=described.windows.at_most,
-        runs=tuple(
-            _read_run(folder, described, index) for index in range(len(described.recordings))
-        ),
+        runs=tuple(_leave_out_glitches(run, described.signals) for run in runs),
+        frames=frames,
+        holds_impacts=described.windows.impacts,
         prescribed=tuple(
             PrescribedJoint(
                 p.joint,
@@ -310,13 +342,18 @@ def _read_run(folder: Path, described: ExperimentFile, index: int) -> MechanismR
         prescribed.column: f"the motion of joint {prescribed.joint}"
         for prescribed in described.prescribed
     }
+    for free in described.free:
+        holds |= list_free_columns(free)
     recording = read_columns(
         folder / run.file, ColumnRequest(described.time, holds, described.windows.bin_s)
     )
     t_s = recording.t_s
     values = recording.values
     inside = select_samples(recording, t_s, run.from_s, run.to_s)
-    recorded = np.column_stack([signal.factor * values[signal.column] for signal in signals])
+    columns = [signal.factor * values[signal.column] for signal in signals]
+    for free in described.free:
+        columns += [values[column] for column in (*free.position, *free.orientation)]
+    recorded = np.column_stack(columns)
     commanded = np.zeros((len(t_s), len(described.commands)))
     for number, command in enumerate(commands):
         column = command.factor * values[command.column]
@@ -330,17 +367,14 @@ def _read_run(folder: Path, described: ExperimentFile, index: int) -> MechanismR
     for number, given in enumerate(described.prescribed):
         prescribed[:, number] = given.factor * values[given.column]
     label = f"{run.condition}, repeat {run.repeat}"
-    return _leave_out_glitches(
-        MechanismRun(
-            label,
-            run.condition,
-            t_s[inside],
-            recorded[inside],
-            commanded[inside],
-            bool(commands),
-            prescribed[inside],
-        ),
-        signals,
+    return MechanismRun(
+        label,
+        run.condition,
+        t_s[inside],
+        recorded[inside],
+        commanded[inside],
+        bool(commands),
+        prescribed[inside],
     )
 
 
@@ -359,14 +393,7 @@ def _leave_out_glitches(run: MechanismRun, signals: Sequence[SignalSection]) -> 
             is_kept[sample] = False
     if not glitches:
         return run
-    return replace(
-        run,
-        t_s=run.t_s[is_kept],
-        signals=run.signals[is_kept],
-        commands=run.commands[is_kept],
-        prescribed=run.prescribed[is_kept],
-        glitches=tuple(glitches),
-    )
+    return replace(run.take(is_kept), glitches=tuple(glitches))
 
 
 def write_draft(mechanism: Mechanism, folder: Path, allow_outside: bool = False) -> Path:

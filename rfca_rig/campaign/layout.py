@@ -442,6 +442,10 @@ class WindowsSection(Section):
         default=48, description="number of windows over all recordings"
     )
 
+    impacts: bool = Field(
+        default=False, description="whether windows of free bodies may hold contacts"
+    )
+
     @model_validator(mode="after")
     def _holds_bins(self) -> Self:
         if self.bin_s > self.shortest_s / 2.0:
@@ -490,6 +494,33 @@ class RecordingSection(RunSection):
     driven: bool = Field(default=True, description="false where the actuators were off")
 
 
+class FreeSection(Section):
+    """[[free]]: the columns with the pose of a body on a free joint.
+
+    The orientation is a unit quaternion, which turns the body's frame into that of the world.
+    """
+
+    joint: Text = Field(description="free joint of the model")
+    position: Annotated[tuple[Text, Text, Text], Field(strict=False)] = Field(
+        description="columns with x, y and z of the body's frame"
+    )
+    unit: Literal["m", "mm"] = Field(description="unit of these columns")
+    orientation: Annotated[tuple[Text, Text, Text, Text], Field(strict=False)] = Field(
+        description="columns with the quaternion, in the order w, x, y, z"
+    )
+    position_noise_std: Positive | None = Field(
+        default=None, description="in that unit; estimated if not given"
+    )
+    angle_noise_std_rad: Positive | None = Field(
+        default=None, description="of the orientation; estimated if not given"
+    )
+
+    @property
+    def factor(self) -> float:
+        """From the unit to m."""
+        return LENGTH_UNITS[self.unit]
+
+
 class ExperimentFile(Section):
     """experiment.toml: a model file, the meaning of the recordings' columns, the uncertainties of
     the model's values, and the recordings.
@@ -500,7 +531,8 @@ class ExperimentFile(Section):
     about: AboutSection = AboutSection()
     model: Text = Field(description="MJCF or URDF file, relative to this folder")
     time: TimeSection
-    signals: Annotated[tuple[SignalSection, ...], Field(strict=False, min_length=1)]
+    signals: Annotated[tuple[SignalSection, ...], Field(strict=False)] = ()
+    free: Annotated[tuple[FreeSection, ...], Field(strict=False)] = ()
     commands: Annotated[tuple[CommandSection, ...], Field(strict=False)] = ()
     prescribed: Annotated[tuple[PrescribedSection, ...], Field(strict=False)] = ()
     contacts: Annotated[tuple[ContactSection, ...], Field(strict=False)] = ()
@@ -511,3 +543,9 @@ class ExperimentFile(Section):
     known_to: KnownToMechanism = KnownToMechanism()
     windows: WindowsSection = WindowsSection()
     recordings: Annotated[tuple[RecordingSection, ...], Field(strict=False, min_length=1)]
+
+    @model_validator(mode="after")
+    def _has_signals(self) -> Self:
+        if not (self.signals or self.free):
+            raise ValueError("nothing was recorded: give [[signals]], or [[free]] for free bodies")
+        return self

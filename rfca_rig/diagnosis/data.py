@@ -260,7 +260,15 @@ def start_gain(start_effect: Floats, variance: Floats) -> Floats:
     )
 
 
-UNITS = {"_rad_s": "rad/s", "_Nm": "N m", "_N": "N", "_deg": "deg", "_rad": "rad"}
+UNITS = {
+    "_rad_s": "rad/s",
+    "_m_s": "m/s",
+    "_Nm": "N m",
+    "_N": "N",
+    "_deg": "deg",
+    "_rad": "rad",
+    "_m": "m",
+}
 
 
 def unit_of(signal: str) -> str:

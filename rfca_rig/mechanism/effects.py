@@ -74,13 +74,15 @@ def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
         Usual magnitudes in the recordings; they set the plausible sizes.
     """
     effects: list[Effect] = []
-    for law in _laws(mechanism, usual):
-        effects += expand_law(law)
-    effects += [
-        *_stribeck(mechanism, usual),
-        *_hysteresis(mechanism, usual),
-        *_stop(mechanism, usual),
-    ]
+    # A body that flies freely has no joint that could rub, yield or stop.
+    if mechanism.guided:
+        for law in _laws(mechanism, usual):
+            effects += expand_law(law)
+        effects += [
+            *_stribeck(mechanism, usual),
+            *_hysteresis(mechanism, usual),
+            *_stop(mechanism, usual),
+        ]
     return [
         *effects,
         *_of_commands(mechanism, usual),
@@ -92,7 +94,7 @@ def list_effects(mechanism: Mechanism, usual: UsualMotion) -> list[Effect]:
 
 
 def _laws(mechanism: Mechanism, usual: UsualMotion) -> Iterator[PlaceLaw]:
-    moving = mechanism.simulated
+    moving = mechanism.guided
     sprung = tuple(joint for joint in moving if mechanism.has_spring(joint))
 
     def per_joint(
@@ -255,7 +257,7 @@ def _scale_command(plant: Plant, actuator: int, value: float) -> None:
 
 def _torques(mechanism: Mechanism, usual: UsualMotion) -> list[tuple[Parameter, list[int]]]:
     """A torque of each joint, or of all of one make, and the joints' places."""
-    moving = mechanism.simulated
+    moving = mechanism.guided
     units = joint_units(mechanism, "Nm", "N")
     groups = group_places(mechanism, tuple(mechanism.joints[joint] for joint in moving))
     parameters = []
@@ -325,7 +327,7 @@ def _stop(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     half = usual.half_range
 
     def apply(plant: Plant, values: Values) -> Plant:
-        joint = mechanism.simulated[int(values["joint"]) - 1]
+        joint = mechanism.guided[int(values["joint"]) - 1]
         share = values["position_relative"]
         at = middle[joint] + share * half[joint]
         plant.model.jnt_limited[joint] = 1
@@ -338,7 +340,7 @@ def _stop(mechanism: Mechanism, usual: UsualMotion) -> Iterator[Effect]:
     # A model with limits states its stops already.
     if not mechanism.model.jnt_limited.any():
         counted = Parameter(
-            "joint", 1.0, float(len(mechanism.simulated)), may_be_zero=False, whole=True
+            "joint", 1.0, float(len(mechanism.guided)), may_be_zero=False, whole=True
         )
         share = Parameter("position_relative", -0.98, 0.98)
         yield joints.JOINT_STOP.make_effect((counted, share), apply)

@@ -17,6 +17,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.escaping import find_unusable_sign
 from rfca_rig.executors.reading import read_within_limits
 from rfca_rig.mechanism.contact_law import SphereOnPlane
+from rfca_rig.mechanism.free_joints import FreeFrame, expand_free_joints
 from rfca_rig.mechanism.library import switch_off_timers
 from rfca_rig.mechanism.named_files import find_named_files, refuse_non_finite
 from rfca_rig.subprocesses import safe_path
@@ -134,6 +135,8 @@ class Mechanism:
         Contacts that have a law of their own, in place of MuJoCo's.
     mjcf
         The model as text where `path` is a file of another format, from which it was made.
+    frames
+        Of the free joints, which six joints stand in for.
     """
 
     path: Path
@@ -151,6 +154,7 @@ class Mechanism:
     alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     contacts: tuple[SphereOnPlane, ...] = ()
     mjcf: str = ""
+    frames: tuple[FreeFrame, ...] = ()
     _spare_data: deque[Any] = field(default_factory=deque, repr=False)
 
     @contextmanager
@@ -174,6 +178,12 @@ class Mechanism:
             yield data
         finally:
             self._spare_data.append(data)
+
+    @property
+    def guided(self) -> tuple[int, ...]:
+        """Places of the simulated joints that are real: none stands in for a free joint."""
+        free = {name for frame in self.frames for name in frame.joints}
+        return tuple(joint for joint in self.simulated if self.joints[joint] not in free)
 
     @property
     def simulated(self) -> tuple[int, ...]:
@@ -230,18 +240,24 @@ def _ignore(text: str) -> None:
 
 
 def load_mechanism(
-    path: Path, beside: tuple[Path, ...] = (), allow_outside: bool = False
+    path: Path,
+    beside: tuple[Path, ...] = (),
+    allow_outside: bool = False,
+    frames: tuple[FreeFrame, ...] = (),
 ) -> Mechanism:
     """Loads and checks the mechanism that a model file describes.
 
     Parameters
     ----------
     path
-        An MJCF or URDF file. All its joints are hinges or slides with names.
+        An MJCF or URDF file. All its joints have names and are hinges, slides or, with a frame,
+        free.
     beside
         Folders with files that the model may name, beside its own folder.
     allow_outside
         The model may name files anywhere.
+    frames
+        Of the free joints.
 
     Raises
     ------
@@ -252,7 +268,7 @@ def load_mechanism(
     _prepare_mujoco()
     if not path.is_file():
         raise BadInput(f"{path}: is not there; model names an MJCF or URDF file")
-    load = partial(_load, path, None if allow_outside else (path.parent, *beside))
+    load = partial(_load, path, None if allow_outside else (path.parent, *beside), frames)
     if _is_plain(path):
         return load()
     return read_within_limits(path, load)
@@ -298,20 +314,21 @@ def _is_plain(path: Path) -> bool:
     return elements <= PLAIN_ELEMENTS and b"<!DOCTYPE" not in content
 
 
-def _load(path: Path, allowed: tuple[Path, ...] | None) -> Mechanism:
+def _load(path: Path, allowed: tuple[Path, ...] | None, frames: tuple[FreeFrame, ...]) -> Mechanism:
     """The mechanism of a file that names files of the `allowed` folders only, or any where there
     are none.
     """
     refuse_non_finite(find_named_files(path, allowed))
-    return _compile(path)
+    return _compile(path, frames=frames)
 
 
-def _compile(path: Path, mjcf: str = "") -> Mechanism:
+def _compile(path: Path, mjcf: str = "", frames: tuple[FreeFrame, ...] = ()) -> Mechanism:
     """The mechanism of a text in MJCF, or of the file at `path` where the text is empty."""
     import mujoco  # noqa: PLC0415  (optional)
 
     try:
         spec = read_spec(path, mjcf)
+        expand_free_joints(spec, frames, str(path))
         spec.memory = ARENA_BYTES
         # MuJoCo takes a shortcut for a body whose centre of mass is at its frame, and then refuses
         # the nuisance parameters and effects that move the centre of mass.
@@ -333,8 +350,8 @@ def _compile(path: Path, mjcf: str = "") -> Mechanism:
             )
         if int(kind) not in kinds:
             raise BadInput(
-                f"{path}: joint {name!r} is neither a hinge nor a slide; ball and free "
-                "joints are not supported"
+                f"{path}: joint {name!r} is neither a hinge nor a slide; of a free joint, state "
+                "the columns of its pose in [[free]]; ball joints are not supported"
             )
     if not joints:
         raise BadInput(f"{path}: the model has no joint, so nothing moves")
@@ -357,6 +374,7 @@ def _compile(path: Path, mjcf: str = "") -> Mechanism:
         ),
         is_implicit=model.opt.integrator
         in (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
+        frames=frames,
     )
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from rfca_rig.mechanism.free_joints import expand_free_joints
 from rfca_rig.mechanism.load import read_spec
 from rfca_rig.mechanism.plant import Plant
 from rfca_rig.model.hinge_springs import polynomial_springs
@@ -41,6 +42,7 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
         Laws that MJCF cannot express, in words.
     """
     spec = read_spec(plant.mechanism.path, plant.mechanism.mjcf)
+    expand_free_joints(spec, plant.mechanism.frames, str(plant.mechanism.path))
     model = plant.model
     # Compiling gives every geom its index.
     spec.compile()

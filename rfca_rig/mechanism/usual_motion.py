@@ -116,8 +116,14 @@ def measure_usual_motion(
     travel = np.std(position, axis=0)
     # Without weight, springs and drive, the torque that would stop the motion within a window sets
     # the scale.
+    stopping = inertia * usual_speed / seconds
     if not torque.any():
-        torque = inertia * usual_speed / seconds
+        torque = stopping
+    # The weight of a free body acts along one axis, and the air along all of them.
+    for frame in mechanism.frames:
+        places = [mechanism.joints.index(name) for name in frame.joints]
+        torque[places[:3]] = np.linalg.norm(torque[places[:3]])
+        torque[places[3:]] = stopping[places[3:]]
     largest = np.max([np.abs(command).max(axis=0, initial=0.0) for command in commands], axis=0)
     torque, usual_speed, travel, inertia = (
         _not_small(v, mechanism) for v in (torque, usual_speed, travel, inertia)

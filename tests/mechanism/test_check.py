@@ -12,7 +12,7 @@ import pytest
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.diagnose import diagnose
-from rfca_rig.diagnosis.mechanisms.check import check_experiment
+from rfca_rig.diagnosis.mechanisms.check import check_experiment, locate_minimum
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.diagnosis.problem import FitOptions
 from rfca_rig.errors import BadInput, SimulationFailed
@@ -450,3 +450,51 @@ def test_inverse_dynamics_agree_with_the_equations_of_the_other_engine(tmp_path)
         load_mechanism(tmp_path / "model.xml"), States(position, speed, acceleration, 2.0 * torque)
     )
     assert doubled.gain(1) == pytest.approx((0.5, 1.0))
+
+
+def list_delays(arm, folder):
+    """Delays of the commands in s that a check of recordings of an arm warns of."""
+    write_campaign(folder, Arm(), [record(arm, 6.0, seed) for seed in (1, 2)], {})
+    warnings = [line for line in check_experiment(folder) if line.name == "all commands"]
+    return [line.values["delay_s"] for line in warnings]
+
+
+def test_commands_that_act_late_are_warned_of(tmp_path):
+    late = replace(Arm(), torque_delay_s=0.01)
+    assert list_delays(late, tmp_path / "arm") == [pytest.approx(0.01, abs=0.001)]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {},
+        {"friction": Friction((0.6, 0.25, 0.07), 0.3, 0.3)},
+        {"friction": Friction((0.0, 0.0, 0.0), viscous_Nm_s_per_rad=(0.5, 0.2, 0.05))},
+        {"rotor_kg_m2": (0.1, 0.03, 0.004)},
+        {"torque_factor": 0.85},
+    ],
+    ids=["nothing", "dry", "viscous", "rotors", "scale"],
+)
+def test_what_else_a_model_lacks_is_no_delay(tmp_path, changes):
+    assert list_delays(replace(Arm(), **changes), tmp_path / "arm") == []
+
+
+def test_the_least_of_a_parabola_is_found_between_its_places():
+    places = np.linspace(-1.0, 1.0, 11)
+    place, value = locate_minimum(places, 3.0 + 2.0 * (places - 0.13) ** 2)
+    assert place == pytest.approx(0.13)
+    assert value == pytest.approx(3.0)
+    assert locate_minimum(places, places) == (-1.0, -1.0)
+
+
+def test_values_that_the_recordings_do_not_show_are_named(folder):
+    """A damping of 1e-6 N m s/rad is far below what these recordings could tell."""
+    edit(
+        folder / "experiment.toml",
+        ("[known_to]", "[known_to]\njoint_damping_Nm_s_per_rad = 1e-6"),
+    )
+    (line,) = [line for line in check_experiment(folder) if line.name == "identifiability"]
+    assert line.values["joint1.zero_offset_rad"] < 0.9
+    assert line.values["joint3.joint_damping_Nm_s_per_rad"] > 0.99
+    assert "joint3.joint_damping_Nm_s_per_rad" in line.words
+    assert "joint1.zero_offset_rad" not in line.words

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.samples import (
     SMOOTHING_HALF_WIDTH_S,
     local_polynomial,
-    sample_std,
     smallest_step,
 )
 from rfca_rig.campaign.column_faults import find_register_range
@@ -25,6 +24,9 @@ from rfca_rig.campaign.layout import ExperimentFile
 from rfca_rig.campaign.opening import open_experiment
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.data import WINDOWS_OF_CONDITION, rms
+from rfca_rig.diagnosis.inference.map_fit import without_scatter
+from rfca_rig.diagnosis.inference.parameterization import Parameterization
+from rfca_rig.diagnosis.likelihood.marginal_likelihood import laplace_posterior
 from rfca_rig.diagnosis.mechanisms.column_checks import check_columns
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
 from rfca_rig.diagnosis.mechanisms.prepared import (
@@ -62,6 +64,17 @@ LITTLE_NOISE = 0.05
 
 MOST_STATES = 400  # of all recordings together: enough for an rms and a picture
 
+# Delays of the commands that are tried, the least that is stated, and the share of the missing
+# torque that may be left with it. Friction and delays of less look alike.
+DELAYS_S = np.linspace(-0.05, 0.05, 51)
+LEAST_DELAY_S = 0.004
+LEFT_BY_DELAY = 0.6
+
+# Conditions that are enough to tell which values the recordings show, and the posterior standard
+# deviation, in prior ones, from which a value counts as hidden.
+CONDITIONS_LOOKED_AT = 4
+HIDDEN_STD = 0.9
+
 BALANCED = 0.3  # imbalance of a joint up to which its sign is right
 
 
@@ -94,7 +107,8 @@ def check_signals(
     """A line per signal, and warnings; `ratios` are those of `compare_speeds`."""
     for index, signal in enumerate(described.signals):
         columns = [run.signals[:, index] / signal.factor for run in experiment.runs]
-        noise = rms(np.array([float(sample_std(column[:, None])[0]) for column in columns]))
+        noises = np.array([run.estimate_noise()[index] for run in experiment.runs])
+        noise = rms(noises) / abs(signal.factor)
         step = min((step for column in columns if (step := smallest_step(column))), default=0.0)
         low, high = _range_of(columns)
         values = {"low": low, "high": high, "noise": signal.noise_std or noise}
@@ -265,6 +279,75 @@ def check_commands(
             yield CheckLine("command", command.column, message, is_warning=True)
 
 
+def check_delay(
+    experiment: Experiment, mechanism: Mechanism, states: States
+) -> Iterator[CheckLine]:
+    """A warning where the torques balance far better with later commands, or earlier ones."""
+    if not experiment.actuators or not len(states.position):
+        return
+    misses = []
+    for delay_s in DELAYS_S:
+        commands = read_commands(experiment, mechanism, float(delay_s))
+        balance = balance_torques(mechanism, replace(states, command=commands))
+        misses.append(_measure_unexplained(balance, states))
+    # Squares are closer to a parabola.
+    delay_s, square = locate_minimum(DELAYS_S, np.array(misses) ** 2)
+    least = float(np.sqrt(max(square, 0.0)))
+    now = misses[int(np.argmin(np.abs(DELAYS_S)))]
+    sample_s = float(np.median(np.concatenate([np.diff(run.t_s) for run in experiment.runs])))
+    if abs(delay_s) < max(LEAST_DELAY_S, sample_s) or least > LEFT_BY_DELAY * now:
+        return
+    direction = "later" if delay_s > 0.0 else "earlier"
+    words = f"they act about {1e3 * abs(delay_s):.0f} ms {direction} than recorded"
+    yield CheckLine(
+        "command",
+        "all commands",
+        f"{words}: torques of the model then miss the motion by {100.0 * least:.2g} % instead of "
+        f"{100.0 * now:.2g} %; shift the column of the time, or state command_delay_s in "
+        "[known_to]",
+        is_warning=True,
+        values={"delay_s": delay_s, "before": now, "after": least},
+    )
+
+
+def _measure_unexplained(balance: TorqueBalance, states: States) -> float:
+    """Rms of the torques that friction and inertia of the joints do not explain either, over that
+    of the actuators: both change with a delay, and must not be taken for one.
+    """
+    missing = 0.0
+    supplied = 0.0
+    for joint in range(states.position.shape[1]):
+        speed = states.speed[:, joint]
+        laws = np.column_stack(
+            [speed, np.sign(speed), states.acceleration[:, joint], np.ones(len(speed))]
+        )
+        torque = balance.by_actuator[:, :, joint].sum(axis=1)
+        weight = 1.0 / max(rms(torque), 1e-300)
+        remainder = weight * balance.remainder[:, joint]
+        if not torque.any():
+            continue
+        fitted = laws @ np.linalg.lstsq(laws, remainder, rcond=None)[0]
+        missing += float(np.mean((remainder - fitted) ** 2))
+        supplied += 1.0
+    return float(np.sqrt(missing / max(supplied, 1.0)))
+
+
+def locate_minimum(places: Floats, values: Floats) -> tuple[float, float]:
+    """Place and value of the least of some values (k,) at even places (k,), between them by a
+    parabola.
+    """
+    least = int(np.argmin(values))
+    if least in (0, len(values) - 1):
+        return float(places[least]), float(values[least])
+    before, here, after = values[least - 1 : least + 2]
+    bend = before - 2.0 * here + after
+    if bend <= 0.0:
+        return float(places[least]), float(here)
+    shift = 0.5 * (before - after) / bend
+    step = float(places[1] - places[0])
+    return float(places[least] + shift * step), float(here - 0.25 * (before - after) * shift)
+
+
 def check_corrections(corrections: Sequence[Correction]) -> Iterator[CheckLine]:
     """A warning for every sign or unit with which the torques balance far better."""
     for correction in corrections:
@@ -317,30 +400,48 @@ def estimate_states(experiment: Experiment, mechanism: Mechanism) -> States:
         As `match_columns`.
     """
     match = match_columns(experiment, mechanism)
+    derivatives: list[list[Floats]] = []
+    for run, moments_s in _list_moments(experiment, mechanism):
+        recorded = run.signals[:, match.positions]
+        for at_s in moments_s:
+            local = local_polynomial(run.t_s, recorded, at_s)
+            derivatives.append([local.derivative(order) for order in range(3)])
+    shape = (len(derivatives), 3, len(mechanism.joints))
+    position, speed, acceleration = np.moveaxis(np.array(derivatives).reshape(shape), 1, 0)
+    return States(position, speed, acceleration, read_commands(experiment, mechanism, 0.0))
+
+
+def read_commands(experiment: Experiment, mechanism: Mechanism, delay_s: float) -> Floats:
+    """Commands (k, u) of all actuators that act at the moments of `estimate_states`, if they are
+    late by `delay_s`.
+    """
+    match = match_columns(experiment, mechanism)
+    commands: list[list[float]] = []
+    for run, moments_s in _list_moments(experiment, mechanism):
+        commanded = arrange_commands(run, mechanism, match)
+        for at_s in moments_s:
+            commands.append([np.interp(at_s - delay_s, run.t_s, column) for column in commanded.T])
+    return np.array(commands).reshape(len(commands), len(mechanism.actuators))
+
+
+def _list_moments(
+    experiment: Experiment, mechanism: Mechanism
+) -> Iterator[tuple[MechanismRun, list[float]]]:
+    """Moments spread evenly over each recording, none within a gap; none at all unless the
+    mechanism `can_balance`.
+    """
     total_s = sum(float(run.t_s[-1] - run.t_s[0]) for run in experiment.runs)
     apart_s = max(experiment.bin_s, total_s / MOST_STATES)
-    derivatives: list[list[Floats]] = []
-    commands: list[list[Floats]] = []
     for run in experiment.runs if can_balance(mechanism) else ():
-        recorded = run.signals[:, match.positions]
-        commanded = arrange_commands(run, mechanism, match)
+        moments_s = []
         for at_s in np.arange(
             run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - SMOOTHING_HALF_WIDTH_S, apart_s
         ):
             # A local polynomial over a gap would invent the motion there.
             near_s = run.t_s[np.abs(run.t_s - at_s) <= SMOOTHING_HALF_WIDTH_S]
             if near_s.size > 1 and np.diff(near_s).max() <= experiment.bin_s:
-                local = local_polynomial(run.t_s, recorded, float(at_s))
-                derivatives.append([local.derivative(order) for order in range(3)])
-                commands.append([np.interp(at_s, run.t_s, column) for column in commanded.T])
-    shape = (len(derivatives), 3, len(mechanism.joints))
-    position, speed, acceleration = np.moveaxis(np.array(derivatives).reshape(shape), 1, 0)
-    return States(
-        position,
-        speed,
-        acceleration,
-        np.array(commands).reshape(len(commands), len(mechanism.actuators)),
-    )
+                moments_s.append(float(at_s))
+        yield run, moments_s
 
 
 def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[CheckLine]:
@@ -391,7 +492,9 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
         )
         for name, share in shares.items()
     )
-    corrections = find_corrections(described, mechanism, states, ratios)
+    corrections: Sequence[Correction] = ()
+    if not experiment.frames:
+        corrections = find_corrections(described, mechanism, states, ratios)
     yield from check_corrections(corrections)
     # Later checks use corrected states, so that one wrong sign is not reported as several mistakes.
     factors = np.ones(len(mechanism.joints))
@@ -408,6 +511,8 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
     yield from check_commands(
         described, experiment, list(_gains(experiment, mechanism, balance, corrections))
     )
+    if not corrections:
+        yield from check_delay(experiment, mechanism, states)
     yield from _check_priors(experiment, mechanism)
     try:
         problem = prepare_mechanism(experiment, mechanism)
@@ -415,6 +520,7 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
         is_read_right = not corrections and all(ratio.agrees for ratio in ratios.values())
         upset = [name for name, share in shares.items() if share >= BALANCED and is_read_right]
         yield from _check_prediction(problem, described, experiment, upset)
+        yield from _check_identifiability(problem)
     except SimulationFailed as error:
         # The path stands in front of the whole message already.
         message = str(error).removeprefix(f"{experiment.model}: ")
@@ -441,7 +547,8 @@ def refuse_misread_columns(experiment: Experiment, mechanism: Mechanism) -> None
         it.
     """
     # The file of a pendulum states no signs or units that could be corrected.
-    if experiment.mjcf:
+    # Nor do the joints of a free body.
+    if experiment.mjcf or experiment.frames:
         return
     described = experiment.described
     roles = assign_roles(experiment, mechanism)
@@ -510,7 +617,7 @@ def _check_windows(experiment: Experiment, mechanism: Mechanism) -> Iterator[Che
                 "it is not used"
             )
             yield CheckLine("recording", run.label, message, is_warning=True)
-        elif used < all_windows:
+        elif used < all_windows and not mechanism.frames:
             message = (
                 f"{all_windows - used} windows hold or touch a gap of more than bin_s = "
                 f"{experiment.bin_s:g} s and are not used; "
@@ -617,6 +724,28 @@ def _check_prediction(
                 "its columns"
             )
             yield CheckLine("prediction", signal.column, message, is_warning=True)
+
+
+def _check_identifiability(problem: PreparedMechanism) -> Iterator[CheckLine]:
+    """Which values of [known_to] the recordings show, by the nominal model."""
+    names = problem.space.names
+    if not names:
+        return
+    subset, _ = problem.dataset.subset(CONDITIONS_LOOKED_AT)
+    optimizer = without_scatter(subset)
+    coordinates = Parameterization(problem.space)
+    nominal = optimizer.at(coordinates, np.zeros(coordinates.size))
+    if nominal is None:
+        return
+    linear = nominal.linear(subset.rows.measured)
+    posterior = laplace_posterior(linear, optimizer.likelihood.usual)
+    std = np.sqrt(np.diag(posterior.covariance))
+    hidden = [name for name, share in zip(names, std, strict=True) if share > HIDDEN_STD]
+    words = f"these recordings show {len(names) - len(hidden)} of {len(names)} values"
+    if hidden:
+        words += f", but not {', '.join(hidden)}: they stay as uncertain as stated"
+    values = dict(zip(names, std.tolist(), strict=True))
+    yield CheckLine("known_to", "identifiability", words, values=values)
 
 
 def _check_conditions(problem: PreparedMechanism, experiment: Experiment) -> CheckLine:

@@ -6,6 +6,7 @@ off as those of the nominal model are when the torque in each joint is off by 1 
 and drive.
 """
 
+import copy
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -22,7 +23,6 @@ from rfca_rig.analysis.samples import (
     bin_means,
     bin_starts,
     estimate_start,
-    sample_std,
 )
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.diagnosis.config import USUAL_ERROR
@@ -60,6 +60,11 @@ STEADY = 0.02  # relative difference of the readings to those with half the step
 # Mean length of the windows in s up to which `most_windows` of them are used: beyond it fewer, so
 # that rows and simulated time, and with them the time of a diagnosis, are limited.
 LONGEST_MEAN_S = 2.0
+# After a contact, until its force no longer shows in the smoothed state.
+FLIGHT_MARGIN_S = 0.02
+# Distance of two bodies, in the distance that a point may move to the next sample, that counts as
+# a contact.
+CLOSE_STEPS = 1.5
 STATES_LOOKED_AT = 20  # of a motion from rest, evenly spread: enough for an rms
 # share of the sensors' and the usual model error together that the integrator may add, rms
 STEP_ERROR = 0.1
@@ -627,7 +632,7 @@ def cut_windows(
     stated = [signal.noise_std for signal in experiment.signals]
     # Stated noise comes first; otherwise it is estimated from the samples.
     noise = np.array(
-        [std or estimate for std, estimate in zip(stated, sample_std(run.signals), strict=True)]
+        [std or estimate for std, estimate in zip(stated, run.estimate_noise(), strict=True)]
     )
     read = np.array(sorted(set(range(len(mechanism.joints))) - set(mechanism.prescribed)))
     position = run.signals[:, match.positions[read]]
@@ -637,7 +642,11 @@ def cut_windows(
     )
     commands = arrange_commands(run, mechanism, match)
     windows = []
-    for start_s in window_starts(run, experiment, length_s):
+    if mechanism.frames and mechanism.has_contacts and not experiment.holds_impacts:
+        starts_s = _list_flight_starts(run, mechanism, match, length_s)
+    else:
+        starts_s = window_starts(run, experiment, length_s)
+    for start_s in starts_s:
         inside = (run.t_s > start_s) & (run.t_s <= start_s + length_s)
         begin_s = max(run.t_s[0], start_s - MARGIN_S)
         end_s = min(run.t_s[-1], start_s + length_s + MARGIN_S)
@@ -657,6 +666,9 @@ def cut_windows(
         at[prescribed], speed[prescribed] = (values[0] for values in follows.sample(np.zeros(1)))
         counts = np.diff(np.append(bins, len(t_s)))
         measured = bin_means(run.signals[inside], bins).T
+        sensor_std = noise[:, None] / np.sqrt(counts)
+        if run.noise_factors is not None:
+            sensor_std = sensor_std * bin_means(run.noise_factors[inside], bins).T
         windows.append(
             Window(
                 start_s=float(start_s),
@@ -668,11 +680,60 @@ def cut_windows(
                 t_s=t_s,
                 bins=bins,
                 measured=measured,
-                sensor_std=noise[:, None] / np.sqrt(counts),
+                sensor_std=sensor_std,
                 prescribed=follows if prescribed else None,
             )
         )
     return windows
+
+
+def _list_flight_starts(
+    run: MechanismRun, mechanism: Mechanism, match: ColumnMatch, length_s: float
+) -> Floats:
+    """Start times (w,) in s of windows in which the recorded bodies touch nothing, one after the
+    other in each flight.
+    """
+    touches = find_contacts(mechanism, run.signals[:, match.positions])
+    starts_s: list[float] = []
+    next_s = float(run.t_s[0]) + SMOOTHING_HALF_WIDTH_S
+    for t_s, touching in zip(run.t_s, touches, strict=True):
+        if touching:
+            # The state at a start is estimated from samples on both sides of it.
+            next_s = float(t_s) + FLIGHT_MARGIN_S
+        elif t_s - next_s >= length_s:
+            starts_s.append(next_s)
+            next_s += length_s
+    return np.array(starts_s)
+
+
+def find_contacts(mechanism: Mechanism, position: Floats) -> NDArray[np.bool_]:
+    """Whether any two bodies touch, or come as close as they move in a sample, at each of these
+    positions (m, n) of the joints, (m,): an impact may fall between two samples.
+    """
+    import mujoco  # noqa: PLC0415  (optional)
+
+    model = copy.copy(mechanism.model)
+    touches = np.zeros(len(position), dtype=bool)
+    data = mujoco.MjData(model)
+    margins_m = CLOSE_STEPS * _measure_steps(mechanism, position)
+    for sample, (at, margin_m) in enumerate(zip(position, margins_m, strict=True)):
+        data.qpos[:] = at
+        model.geom_margin[:] = mechanism.model.geom_margin + margin_m
+        model.pair_margin[:] = mechanism.model.pair_margin + margin_m
+        mujoco.mj_fwdPosition(model, data)
+        touches[sample] = data.ncon > 0
+    return touches
+
+
+def _measure_steps(mechanism: Mechanism, position: Floats) -> Floats:
+    """Distances (m,) that a point of any body moves at most from one sample to the next, at
+    positions (m, n).
+    """
+    steps = np.abs(np.diff(position, axis=0, append=position[-1:]))
+    slides = mechanism.is_slide
+    # A point as far from the joint as the largest geometry reaches; planes have no end.
+    reach_m = float(mechanism.model.geom_rbound.max(initial=0.0))
+    return np.asarray(steps[:, slides].sum(axis=1) + reach_m * steps[:, ~slides].sum(axis=1))
 
 
 def correct_window(

@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.samples import bin_means, bin_starts, sample_std
+from rfca_rig.analysis.samples import bin_means, bin_starts
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data import (
@@ -375,7 +375,7 @@ def cut_rest_window(
     )
     prescribed = np.mean([_resample(grid_s, run.t_s, run.prescribed) for run in runs], axis=0)
     stated = [signal.noise_std for signal in experiment.signals]
-    estimates = np.mean([sample_std(run.signals) for run in runs], axis=0)
+    estimates = np.mean([run.estimate_noise() for run in runs], axis=0)
     noise = np.array([std or of_samples for std, of_samples in zip(stated, estimates, strict=True)])
     t_s = grid_s[1:] - grid_s[0]
     bins = bin_starts(t_s, experiment.bin_s)
