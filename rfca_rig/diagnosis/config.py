@@ -9,6 +9,7 @@ rig.
 from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 
+from rfca_rig.diagnosis.budget import UNLIMITED, TimeBudget
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.declarations import MECHANISM
@@ -109,8 +110,8 @@ ALWAYS_FITTED = 3
 
 @dataclass(frozen=True)
 class SearchConfig:
-    """How widely hypotheses are searched. All are counts of fits or shares; each trades simulations
-    against missed explanations.
+    """How widely, and how long, hypotheses are searched. The counts of fits and the shares trade
+    simulations against missed explanations.
 
     Parameters
     ----------
@@ -152,6 +153,8 @@ class SearchConfig:
     singles_only
         Whether the search ends after single effects. That is enough to choose the length of
         windows.
+    budget
+        Time that it may take.
     """
 
     coarse_conditions: int = 4
@@ -171,6 +174,7 @@ class SearchConfig:
     worth_beside_a_good_fit: float = 60.0
     worth_a_probe: float = 0.3
     singles_only: bool = False
+    budget: TimeBudget = UNLIMITED
 
 
 DEFAULT_SEARCH = SearchConfig()

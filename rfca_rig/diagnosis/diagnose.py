@@ -4,6 +4,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from rfca_rig.diagnosis.budget import UNLIMITED, TimeBudget
 from rfca_rig.diagnosis.config import describe_exclusions
 from rfca_rig.diagnosis.inference.model_selection import Progress
 from rfca_rig.diagnosis.problem import FileWriter, Problem
@@ -42,6 +43,7 @@ def diagnose(
     without: Collection[str] = (),
     law_at: str = "",
     limits: Limits | None = None,
+    budget: TimeBudget = UNLIMITED,
 ) -> Answer:
     """The diagnosis of recordings of one rig.
 
@@ -57,6 +59,8 @@ def diagnose(
         Place where a law is measured too, if not empty.
     limits
         Of the rig that the next experiment is for; None where they are not known.
+    budget
+        Time for the search; when it is spent, the answer is the best so far.
 
     Raises
     ------
@@ -70,7 +74,7 @@ def diagnose(
     problem.check_effects("--without", without)
     if law_at:
         problem.check_place(law_at)
-    solution = problem.solve(without, progress)
+    solution = problem.solve(without, progress, budget)
     progress("summing up", 0.97)
     stated = solution.describe()
     experiment = solution.propose_experiment(limits)

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.space import Prior
+from rfca_rig.diagnosis.budget import UNLIMITED, TimeBudget
 from rfca_rig.diagnosis.config import SearchConfig
 from rfca_rig.diagnosis.data import Observations
 from rfca_rig.diagnosis.decision.decide import Decision
@@ -226,9 +227,11 @@ class Problem(ABC):
         """Raise BadInput for a place where no law can be measured on this rig."""
 
     @abstractmethod
-    def solve(self, without: Collection[str], progress: Progress) -> Solution:
+    def solve(
+        self, without: Collection[str], progress: Progress, budget: TimeBudget = UNLIMITED
+    ) -> Solution:
         """Search for the effects that the model lacks, all but those of the ids `without`, and
-        decide.
+        decide: with what was found so far when the budget is spent.
 
         Raises BadInput where the recordings cannot be used, SimulationFailed where the nominal
         model cannot be simulated.

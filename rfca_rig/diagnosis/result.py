@@ -20,6 +20,8 @@ Grade = Literal[
 
 
 # Begins a remark on what a recording and its reference have in common; shown with the answer.
+# How the remark begins that a search ended early.
+TIME_WAS_UP = "the time was up"
 SHARED_ERROR = "both recordings differ from the model by"
 
 
@@ -292,6 +294,16 @@ class Diagnosis:
     priors: Mapping[str, Value] = field(default_factory=dict)
     nuisance_units: Mapping[str, str] = field(default_factory=dict)
     nuisance_keys: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def is_since_reference(self) -> bool:
+        """Whether the answer is about changes since a reference."""
+        return "reference" in self.settings
+
+    @property
+    def is_unfinished(self) -> bool:
+        """Whether the time was up before every effect was tried."""
+        return bool(self.settings.get("unfinished", False))
 
     @property
     def is_of_stretches(self) -> bool:

@@ -20,12 +20,13 @@ from rfca_rig.diagnosis.config import (
     PRIOR_UNKNOWN,
 )
 from rfca_rig.diagnosis.data import Label, Observations, rms
-from rfca_rig.diagnosis.decision.decide import HELD_OUT, Decision
+from rfca_rig.diagnosis.decision.decide import HELD_OUT, STATED_GRADES, Decision
 from rfca_rig.diagnosis.decision.sizes import find_detection_limits, power_to_exclude
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.screening import make_projection
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch
 from rfca_rig.diagnosis.result import (
+    TIME_WAS_UP,
     BeforeAfter,
     Criterion,
     Diagnosis,
@@ -127,6 +128,14 @@ def describe(decision: Decision, words: Wording = OF_MODEL) -> str:
 
 def describe_open(decision: Decision, words: Wording) -> str:
     """What is known where nothing is stated, and something may be missing."""
+    if decision.is_unfinished:
+        if decision.closest is None:
+            return "The time was up before any effect was tried."
+        best = " with ".join(decision.closest.ids)
+        return (
+            f"The time was up before every effect was tried. So far, {best} explains most, which "
+            "is not stated."
+        )
     if decision.alternatives and decision.within_usual:
         return f"{words.visible} {describe_alternatives(decision.alternatives)}."
     is_explained = any(
@@ -213,7 +222,7 @@ def build_result(
             replace(explanation.fitted, predicted=explanation.rows),
             found.likelihood,
         )
-    is_stated = decision.grade in ("identified", "mostly", "family")
+    is_stated = decision.grade in STATED_GRADES
     not_tested = tuple(
         NotSeen(effect.id, None) for effect in effects if effect.id not in decision.suspects
     )
@@ -235,7 +244,7 @@ def build_result(
         held_out=compare_held_out(found, explanation, experiment),
         valley={},
         unexplained=describe_refusal(decision),
-        remarks=(),
+        remarks=_describe_end(found),
         next_experiment=None,
         believed_values=nuisance_values(explanation),
         priors=nuisance_priors(explanation),
@@ -257,6 +266,17 @@ def build_result(
         moved_priors=list_moved_priors(explanation),
         support=tuple(asdict(support) for support in decision.supported),
     )
+
+
+def _describe_end(found: ModelSelectionResult) -> tuple[str, ...]:
+    """A remark where the search ended before its end."""
+    if not found.ended_in:
+        return ()
+    if found.tried_each_effect:
+        rest = "larger sets of effects may explain more"
+    else:
+        rest = "not every effect was tried, so that none is stated"
+    return (f"{TIME_WAS_UP} in the stage {found.ended_in!r}: {rest}; give more --minutes",)
 
 
 def not_enough_data(found: ModelSelectionResult, why: str) -> Decision:
@@ -385,6 +405,7 @@ def _settings(search: ModelSelectionResult, effects: Sequence[Effect]) -> Mappin
     return {
         "model_error_assumed": "half-normal, 1 % of the signal",
         "model_error_found": float(search.nothing.marginal.error),
+        "unfinished": not search.tried_each_effect,
         "conditions": len(search.dataset.parts),
         "rows": len(search.dataset.rows.measured),
         "effects_tried": [effect.id for effect in effects],

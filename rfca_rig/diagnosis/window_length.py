@@ -46,6 +46,9 @@ LEAST_ROWS = 0.8  # share of the rows on shorter windows that must remain
 # the right one
 CARRIED = 2
 SHARE_OF_SINGLES = 0.2  # of the progress of a diagnosis
+# Where the first search is made, as it is shown.
+SHORT_WINDOWS = "short windows"
+TORQUES = "torques"
 LEAST_GROWTH = 1.2  # times the former length, below which another cut is not worth its simulations
 
 
@@ -119,17 +122,21 @@ def search_in_windows(
     effects: Sequence[Effect],
     progress: Progress,
     config: SearchConfig = DEFAULT_SEARCH,
+    torques: Dataset | None = None,
 ) -> tuple[P, ModelSelectionResult]:
     """The search over hypotheses in windows as long as allowed: the problem with these windows, and
     the result.
 
-    Parameters are those of `search_models`, for the problem in short windows.
+    Parameters are those of `search_models`, for the problem in short windows. `torques` is a
+    dataset with the same unknowns that is not simulated, where there is one: single effects are
+    then searched in it instead of in short windows.
     """
     if not problem.chooses_lengths:
         return problem, search_models(problem.dataset, coordinates, effects, progress, config)
+    first = SHORT_WINDOWS if torques is None else TORQUES
 
     def progress_of_singles(text: str, share: float) -> None:
-        progress(f"short windows: {text}", SHARE_OF_SINGLES * share)
+        progress(f"{first}: {text}", SHARE_OF_SINGLES * share)
 
     def progress_of_all(text: str, share: float) -> None:
         progress(text, SHARE_OF_SINGLES + (1.0 - SHARE_OF_SINGLES) * share)
@@ -137,12 +144,19 @@ def search_in_windows(
     problem = shorten_windows(problem)
     # Single effects explain the motion well enough to tell how far a simulation can go.
     search = search_models(
-        problem.dataset,
+        problem.dataset if torques is None else torques,
         coordinates,
         effects,
         progress_of_singles,
         replace(config, singles_only=True),
     )
+    if config.budget.is_spent:
+        stage = f"{first}: {search.ended_in}"
+        if torques is not None:
+            search = search_models(
+                problem.dataset, coordinates, effects, progress_of_all, config, _list_best(search)
+            )
+        return problem, replace(search, ended_in=stage)
     problem, begun = lengthen_windows(problem, search)
     return problem, search_models(
         problem.dataset, coordinates, effects, progress_of_all, config, begun
@@ -195,7 +209,7 @@ def lengthen_windows(problem: P, found: ModelSelectionResult) -> tuple[P, tuple[
     problem, fits
         The very same problem, and no fits, where no window may be longer.
     """
-    begun = tuple(hypothesis.fitted for hypothesis in (found.nothing, *found.named[:CARRIED]))
+    begun = _list_best(found)
     used = {label.recording for label in problem.dataset.rows.labels}
     growing = {index for index, name in enumerate(problem.recordings) if name in used}
     fits: tuple[MapFit, ...] = ()
@@ -227,6 +241,11 @@ def lengthen_windows(problem: P, found: ModelSelectionResult) -> tuple[P, tuple[
             break
         problem, fits = longer
     return problem, fits
+
+
+def _list_best(found: ModelSelectionResult) -> tuple[MapFit, ...]:
+    """The fits that go on to other windows: without effects, and the best with some."""
+    return tuple(hypothesis.fitted for hypothesis in (found.nothing, *found.named[:CARRIED]))
 
 
 def _double_lengths(problem: WindowedProblem, growing: Collection[int]) -> list[float]:

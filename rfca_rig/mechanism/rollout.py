@@ -611,7 +611,7 @@ def _integrate(
     import mujoco  # noqa: PLC0415  (optional)
 
     model = plant.model
-    command = _commands(plant, trace, steps, since_s)
+    command = average_steps(plant, trace, steps, since_s)
     steady = plant.torque_offset if trace.is_powered else np.zeros(model.nv)
     # What an earlier simulation with this model left would begin this one.
     model.dof_frictionloss[:] = plant.friction + plant.stribeck[0]
@@ -634,7 +634,7 @@ def _integrate(
             around = replace(trace, t_s=trace.t_s + SMOOTHED_S)
             coarse = replace(plant, step_s=2.0 * SMOOTHED_S / PARTS)
             gears = estimate_gear_start(
-                plant, data, _commands(coarse, around, PARTS, since_s - SMOOTHED_S)
+                plant, data, average_steps(coarse, around, PARTS, since_s - SMOOTHED_S)
             )
             data.qpos[:] = data.qpos - gears.ahead
             data.qvel[:] = data.qvel - gears.rate
@@ -758,7 +758,21 @@ def _read_sensors(plant: Plant, path: Floats, t_s: Floats, since_s: float) -> Fl
     return np.asarray(read * plant.sensor_gain + plant.sensor_offset + drift)
 
 
-def _commands(plant: Plant, trace: CommandTrace, steps: int, since_s: float) -> Floats:
+def limit_by_speed(plant: Plant, commands: Floats, speed: Floats) -> Floats:
+    """Commands (k, u) within the lines of torque over speed, at speeds (k, n) of the joints; as
+    `set_commands` limits them.
+    """
+    lines, joints = _torque_speed(plant)
+    if not joints.size:
+        return commands
+    at_rest, share = lines
+    lost = share * speed[:, joints]
+    most = at_rest * np.maximum(0.0, 1.0 - lost)
+    least = -at_rest * np.maximum(0.0, 1.0 + lost)
+    return np.asarray(np.clip(commands, least, most))
+
+
+def average_steps(plant: Plant, trace: CommandTrace, steps: int, since_s: float) -> Floats:
     """(k, u) what acts during each step: the mean over the step, after delay, lag, gain, dead
     band and saturation.
     """

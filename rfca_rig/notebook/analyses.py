@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rfca_rig.clock import WallClock
+from rfca_rig.diagnosis.budget import allow_minutes
 from rfca_rig.diagnosis.diagnose import diagnose as diagnose_problem
 from rfca_rig.diagnosis.opening import open_problem
 from rfca_rig.diagnosis.problem import Fit, FitOptions, Problem, Row
@@ -206,6 +208,7 @@ def diagnose(
     law_at: str = "",
     as_is: bool = False,
     reference: Source | Sequence[Source] | None = None,
+    minutes: float | None = None,
     progress: bool = True,
 ) -> DiagnosisResult:
     """Say which physics the model of recordings lacks, with size and probability.
@@ -224,6 +227,8 @@ def diagnose(
     reference
         Earlier recordings of the same rig, of a leg one or several; the answer is then what has
         changed since.
+    minutes
+        Time for the search, the answer is then the best so far; no limit if None.
     progress
         Show a bar, where tqdm is installed.
 
@@ -239,7 +244,9 @@ def diagnose(
         earlier = (reference,) if isinstance(reference, Source) else tuple(reference)
         problem = add_reference(problem, _open_problem(earlier, as_is))
     with show_progress("diagnosis", progress) as move:
-        return DiagnosisResult(diagnose_problem(problem, move, without, law_at).diagnosis)
+        budget = allow_minutes(WallClock(), minutes)
+        answer = diagnose_problem(problem, move, without, law_at, budget=budget)
+        return DiagnosisResult(answer.diagnosis)
 
 
 def fit(

@@ -6,6 +6,7 @@ import pytest
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.repeats import group_by_condition
+from rfca_rig.diagnosis.config import DEFAULT_SEARCH
 from rfca_rig.diagnosis.data import rms
 from rfca_rig.diagnosis.decision.decide import decide, join_decisions
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
@@ -52,7 +53,9 @@ def test_a_drive_that_sags_is_looked_for_though_the_forces_look_a_little_like_a_
     shafts = shafts_of(strokes, flaps)
     leg = found_among(flaps, ["shaft_compliance"])
     soft = replace(leg, named=tuple(replace(h, log_prior=1e6) for h in leg.named))
-    drive = search_drive(prepared_of(flaps, soft, shafts), soft, EFFECTS, lambda *_: None)
+    drive = search_drive(
+        prepared_of(flaps, soft, shafts), soft, EFFECTS, lambda *_: None, DEFAULT_SEARCH
+    )
     assert drive.named[0].ids == ("motor_speed_droop",)
 
 
@@ -77,7 +80,11 @@ def found_late(rig: RigModel) -> tuple[ModelSelectionResult, ModelSelectionResul
     ]
     leg = found_among(flaps, [""])
     return leg, search_drive(
-        prepared_of(flaps, leg, shafts_of(strokes, flaps)), leg, EFFECTS, lambda *_: None
+        prepared_of(flaps, leg, shafts_of(strokes, flaps)),
+        leg,
+        EFFECTS,
+        lambda *_: None,
+        DEFAULT_SEARCH,
     )
 
 

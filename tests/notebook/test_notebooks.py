@@ -48,9 +48,9 @@ def look_for(monkeypatch):
     """Has the diagnosis of a leg look for these effects alone."""
 
     def narrow(*ids):
-        def diagnose(problem, progress, _, law_at):
+        def diagnose(problem, progress, _, law_at, budget):
             without = [effect_id for effect_id in catalogue() if effect_id not in ids]
-            return diagnose_problem(problem, progress, without, law_at)
+            return diagnose_problem(problem, progress, without, law_at, budget=budget)
 
         monkeypatch.setattr(analyses, "diagnose_problem", diagnose)
 

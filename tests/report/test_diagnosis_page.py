@@ -27,6 +27,7 @@ from rfca_rig.diagnosis.result import (
 from rfca_rig.errors import RigError
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.reports.diagnosis.files import MOST_LINES, WIDTH, terminal_lines, write_diagnosis
+from rfca_rig.reports.diagnosis.opening import GRADE_WORDS, GRADE_WORDS_SINCE_REFERENCE
 from rfca_rig.reports.diagnosis.page import page
 from rfca_rig.reports.diagnosis.pictures import RESIDUAL_IN, draw_forest, draw_residual, pictures_of
 from rfca_rig.reports.diagnosis.residual_map import EDGES, band, condition_grid, maps_of
@@ -1089,3 +1090,24 @@ def test_ratios_are_stated_in_percent():
     )
     text = read(page(replace(NAMED, not_seen=limits), PageContext(Origin()))).replace("\u00a0", " ")
     assert "factor 3.00 (+200 %)" in text and "limit 53.6 %" in text
+
+
+@pytest.mark.parametrize("grade", ["identified", "mostly", "family", "nothing missing"])
+def test_beside_a_reference_the_page_speaks_of_changes(grade):
+    text = unescape(page(replace(NAMED, grade=grade), PageContext(Origin())))
+    changed = replace(NAMED, grade=grade, settings={**NAMED.settings, "reference": {}})
+    since = unescape(page(changed, PageContext(Origin())))
+    of_model, number_of_model = GRADE_WORDS[grade]
+    of_change, number_of_change = GRADE_WORDS_SINCE_REFERENCE[grade]
+    assert of_model in text and number_of_model in text
+    assert of_change in since and number_of_change in since
+    assert of_model not in since
+    assert ">Changed</th>" in since and ">Missing</th>" not in since
+
+
+def test_a_page_of_a_search_whose_time_was_up_asks_for_more():
+    settings = {**NAMED.settings, "unfinished": True}
+    text = page(replace(NAMED, grade="unexplained", settings=settings), PageContext(Origin()))
+    assert "Not every effect was tried." in text
+    assert "Give the diagnosis more --minutes." in text
+    assert "no entry of the catalogue accounts for it" not in text

@@ -243,6 +243,15 @@ def diagnose(
     ] = 3,
     runs: Runs = Path("runs"),
     seed: Seed = None,
+    minutes: Annotated[
+        float | None,
+        typer.Option(
+            "--minutes",
+            metavar="N",
+            min=0.1,
+            help="Time for the search; the answer is then the best so far.",
+        ),
+    ] = None,
     as_is: AsIs = False,
     allow_outside: AllowOutside = False,
     pdf: Pdf = False,
@@ -262,12 +271,15 @@ def diagnose(
     without_words = [word for effect in without or () for word in ("--without", effect)]
     since: list[str | Path] = [word for path in reference or () for word in ("--reference", path)]
     other_words = [*since, *(["--law", law] if law else []), *(["--as-is"] if as_is else [])]
+    if minutes is not None:
+        other_words += ["--minutes", f"{minutes:g}"]
     asked = DiagnoseOptions(
         out,
         as_json,
         command_line("diagnose", *paths, *without_words, *other_words),
         tuple(without or ()),
         law_at=law,
+        minutes=minutes,
     )
     printing = Printing(pdf)
     _check_options(each, close_the_loop, law, pdf)
@@ -278,7 +290,7 @@ def diagnose(
         diagnose_each(
             paths,
             out,
-            partial(diagnose_quietly, asked.without, as_is, allow_outside),
+            partial(diagnose_quietly, asked.without, as_is, allow_outside, minutes),
             workers,
             cluster,
             as_json,
@@ -342,7 +354,11 @@ def _check_reference(has_reference: bool, each: bool, close_the_loop: bool) -> N
 
 
 def diagnose_quietly(
-    without: tuple[str, ...], as_is: bool, allow_outside: bool, job: tuple[Path, Path]
+    without: tuple[str, ...],
+    as_is: bool,
+    allow_outside: bool,
+    minutes: float | None,
+    job: tuple[Path, Path],
 ) -> str | None:
     """One diagnosis without output; returns the reason where the recordings cannot be used."""
     from rfca_rig.errors import RigError
@@ -357,7 +373,12 @@ def diagnose_quietly(
             redirect_stderr(StringIO()),
         ):
             diagnose(
-                [recordings], into, without=list(without), as_is=as_is, allow_outside=allow_outside
+                [recordings],
+                into,
+                without=list(without),
+                minutes=minutes,
+                as_is=as_is,
+                allow_outside=allow_outside,
             )
     except RigError as error:
         return str(error)
@@ -396,7 +417,8 @@ class DiagnoseOptions:
     """Folder of the result, the command as typed, effects that are excluded, and the place of a
     measured law.
 
-    `limits` are those of the rig on which further experiments may run.
+    `limits` are those of the rig on which further experiments may run, `minutes` the time for a
+    search.
     """
 
     out: Path
@@ -405,6 +427,7 @@ class DiagnoseOptions:
     without: tuple[str, ...]
     limits: "Limits | None" = None
     law_at: str = ""
+    minutes: float | None = None
 
 
 def _in_rounds(loop: "ClosedLoop", problem: "Problem", asked: DiagnoseOptions) -> "Diagnosis":
@@ -419,12 +442,21 @@ def _in_rounds(loop: "ClosedLoop", problem: "Problem", asked: DiagnoseOptions) -
 def diagnose_and_write(problem: "Problem", asked: DiagnoseOptions) -> "Diagnosis":
     """Diagnoses recordings and writes all files."""
     from rfca_rig.cli.progress import progress
+    from rfca_rig.clock import WallClock
+    from rfca_rig.diagnosis.budget import allow_minutes
     from rfca_rig.diagnosis.diagnose import diagnose as diagnose_problem
     from rfca_rig.reports.diagnosis.files import write_diagnosis
     from rfca_rig.reports.problems import origin_of_problem
 
     with progress(asked.quiet) as bars:
-        answer = diagnose_problem(problem, bars.share, asked.without, asked.law_at, asked.limits)
+        answer = diagnose_problem(
+            problem,
+            bars.share,
+            asked.without,
+            asked.law_at,
+            asked.limits,
+            allow_minutes(WallClock(), asked.minutes),
+        )
     write_diagnosis(answer.diagnosis, asked.out, origin_of_problem(problem, asked.command))
     for line in answer.write_files(asked.out):
         echo(line, err=True)

@@ -66,6 +66,8 @@ from rfca_rig.model.declarations.changes import VALUE_OF_CHANGE
 from rfca_rig.model.families import Family
 
 UNKNOWN = ("unknown",)
+# Grades with effects or a family.
+STATED_GRADES = ("identified", "mostly", "family")
 # sets that are named beside a difference that is visible within the usual model error
 MOST_ALTERNATIVES = 5
 HELD_OUT = "held-out misfit"
@@ -154,6 +156,8 @@ class Decision:
         behind it.
     within_usual
         Whether the model without effects predicts as models usually do.
+    is_unfinished
+        Whether the time was up before every effect was tried.
     """
 
     grade: Grade
@@ -170,6 +174,7 @@ class Decision:
     supported: tuple[Supported, ...] = ()
     alternatives: tuple[Rival, ...] = ()
     within_usual: bool = False
+    is_unfinished: bool = False
 
     @property
     def verdict(self) -> Verdict:
@@ -239,7 +244,11 @@ def decide(found: ModelSelectionResult) -> Decision:
         The result of the search.
     """
     comparison = compare(found)
-    return decide_from(comparison, support_of_best(comparison))
+    decision = decide_from(comparison, support_of_best(comparison))
+    # An effect that was not tried may explain as much as the best that was.
+    if not found.tried_each_effect:
+        return replace(withhold(decision, found), is_unfinished=True)
+    return decision
 
 
 def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decision:
@@ -328,6 +337,24 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     if is_usual and nothing > NOTHING_PROBABILITY:
         return replace(decision, grade="nothing missing", probability=nothing)
     return replace(decision, probability=1.0 - nothing, alternatives=list_alternatives(rivals))
+
+
+def withhold(decision: Decision, found: ModelSelectionResult) -> Decision:
+    """The decision without what it states, which stays the closest explanation."""
+    nothing = probability_of((), decision.rivals)
+    return replace(
+        decision,
+        grade="unexplained",
+        explanation=found.nothing,
+        closest=decision.explanation if decision.explanation.ids else decision.closest,
+        effects=(),
+        family=None,
+        other_families=(),
+        probability=1.0 - nothing,
+        explained_share=1.0,
+        relieved_strain="",
+        alternatives=list_alternatives(decision.rivals),
+    )
 
 
 def probability_of(ids: Sequence[str], rivals: Sequence[Rival]) -> float:

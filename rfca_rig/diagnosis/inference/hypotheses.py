@@ -26,6 +26,14 @@ from rfca_rig.diagnosis.simulator import Dataset
 
 Floats = NDArray[np.float64]
 
+# Stages of a search, as they are shown. Those after the single effects need not be complete for a
+# statement.
+EACH_EFFECT = "each effect"
+PAIRS = "pairs of effects"
+TRIPLES = "three effects"
+WEIGHING = "weighing"
+STAGES_AFTER_SINGLES = (PAIRS, TRIPLES, WEIGHING)
+
 
 def log_prior_of_set(size: int, candidates: int) -> float:
     """Log prior of one set of `size` effects out of `candidates`: the prior of that size, spread
@@ -105,6 +113,8 @@ class ModelSelectionResult:
         Scatter from repeat to repeat.
     likelihood, dataset
         Those of all conditions.
+    ended_in
+        The stage of the search in which its time was up; "" where it went to its end.
     """
 
     nominal: MapFit
@@ -117,6 +127,12 @@ class ModelSelectionResult:
     scatter: RepeatScatter
     likelihood: MarginalLikelihood
     dataset: Dataset
+    ended_in: str = ""
+
+    @property
+    def tried_each_effect(self) -> bool:
+        """Whether there was time to fit every single effect that is worth it."""
+        return self.ended_in in ("", *STAGES_AFTER_SINGLES)
 
     @property
     def floor_std(self) -> Floats:

@@ -21,6 +21,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.diagnosis.budget import UNLIMITED, TimeBudget
 from rfca_rig.diagnosis.config import (
     ALWAYS_FITTED,
     CLOSE_LOG_EVIDENCE,
@@ -33,7 +34,14 @@ from rfca_rig.diagnosis.config import (
     STRAINED,
     SearchConfig,
 )
-from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult, weigh_models
+from rfca_rig.diagnosis.inference.hypotheses import (
+    EACH_EFFECT,
+    PAIRS,
+    TRIPLES,
+    WEIGHING,
+    ModelSelectionResult,
+    weigh_models,
+)
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit, without_scatter
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.diagnosis.inference.screening import (
@@ -106,6 +114,8 @@ class SearchState:
         The fits that need no fresh Jacobian.
     exchanged
         The sets whose parts were exchanged already.
+    budget
+        When it is spent, fits that are not begun yet are left out.
     """
 
     optimizer: GaussNewton
@@ -117,6 +127,7 @@ class SearchState:
     fits: tuple[MapFit, ...] = ()
     converged: frozenset[MapFit] = frozenset()
     exchanged: frozenset[frozenset[EffectTerm]] = frozenset()
+    budget: TimeBudget = UNLIMITED
 
     @property
     def best(self) -> MapFit:
@@ -135,6 +146,38 @@ class SearchState:
         return replace(
             self, fits=tuple({frozenset(fit.coordinates.choices): fit for fit in ranked}.values())
         )
+
+
+class SearchStages:
+    """The stages of a search as they begin, and the one in which its time was up.
+
+    Parameters
+    ----------
+    progress
+        Called with the stage and the share that is done.
+    budget
+        The time that the search may take.
+    """
+
+    def __init__(self, progress: Progress, budget: TimeBudget) -> None:
+        self._progress = progress
+        self._budget = budget
+        self._current = ""
+        self._ended_in = ""
+
+    def begin(self, stage: str, share: float) -> None:
+        """The stage before is over; this one begins."""
+        self._ended_in = self.find_end()
+        self._current = stage
+        self._progress(stage, share)
+
+    def find_end(self) -> str:
+        """The stage in which the time was up; "" if it was not."""
+        if self._ended_in:
+            return self._ended_in
+        if self._budget.is_spent:
+            return self._current
+        return ""
 
 
 def search_models(
@@ -173,17 +216,21 @@ def search_models(
     SimulationFailed
         Where the nominal model cannot be simulated.
     """
-    progress("nothing missing", 0.0)
+    stages = SearchStages(progress, config.budget)
+    stages.begin("nothing missing", 0.0)
     state = _fit_nominal(
         dataset.with_parts(dataset.simulator.forget_history(dataset.parts)), coordinates, config
     )
     no_columns = np.empty((len(dataset.rows.measured), 0))
     known_starts = [FitStart(fit.coordinates.choices, fit.x, no_columns) for fit in begun]
-    fits = _fit_all(state, known_starts)
+    # These few are fitted even where no time is left: an answer needs a fit to these observations.
+    fits = _fit_all(replace(state, budget=UNLIMITED), known_starts)
     state = _prefer_nothing(state, [fit for fit in fits if not fit.ids]).with_fits(
         [fit for fit in fits if fit.ids]
     )
-    progress("screening every effect", 0.1)
+    if config.budget.is_spent:
+        return _result(state, coordinates, (), effects, stages)
+    stages.begin("screening every effect", 0.1)
     points = grid_points(term for effect in effects for term in terms_of(effect))
     beside_nominal = _screen(state, state.nominal, _projection(state, state.nominal), points)
     # Beside the fit without effects the right effect shows best, unless a nuisance parameter has
@@ -191,7 +238,7 @@ def search_models(
     beside_nothing = _screen_promising(
         state, state.nothing, beside_nominal.probes, config.worth_a_fit, config
     )
-    progress("each effect", 0.25)
+    stages.begin(EACH_EFFECT, 0.25)
     starts = [
         *_first_sets(
             _single_starts(beside_nominal, config.starts_per_effect, config.worth_a_fit),
@@ -205,6 +252,7 @@ def search_models(
             coordinates,
             beside_nominal.probes,
             effects,
+            stages,
         )
     state = _fit_best(
         state,
@@ -215,7 +263,7 @@ def search_models(
     state = _infer_history(
         _exchange(_converge(state, 1, config), beside_nominal.probes, config), GOOD_FIT, config
     )
-    progress("pairs of effects", 0.5)
+    stages.begin(PAIRS, 0.5)
     if not _is_adequate(state):
         starts = [
             *_pair_starts(beside_nominal, config.pairs_coarse, config.worth_a_fit),
@@ -226,11 +274,11 @@ def search_models(
     state = _fit_best(state, _partner_starts(state, 1, beside_nothing, config), config.pairs_full)
     state = _converge(state, 2, config)
     if not _is_adequate(state):
-        progress("three effects", 0.7)
+        stages.begin(TRIPLES, 0.7)
         state = _fit_best(
             state, _partner_starts(state, 2, beside_nothing, config), config.triples_full
         )
-    progress("weighing", 0.85)
+    stages.begin(WEIGHING, 0.85)
     state = _exchange(state, beside_nominal.probes, config)
     # A set must not win because its subsets were fitted badly, so they are fitted again. Another
     # winner needs the same.
@@ -238,7 +286,7 @@ def search_models(
     state = _converge_all(_infer_history(_fit_nested(state), 2.0 * GOOD_FIT, config), config)
     if state.best.ids != compared_with_subsets:
         state = _converge_all(_fit_nested(state), config)
-    return _result(_refit_nothing(state), coordinates, beside_nominal.probes, effects)
+    return _result(_refit_nothing(state), coordinates, beside_nominal.probes, effects, stages)
 
 
 def _fit_nominal(
@@ -258,7 +306,15 @@ def _fit_nominal(
     scatter = estimate_scatter(dataset, coordinates.supposed(nothing.x))
     optimizer = GaussNewton(dataset, make_marginal_likelihood(dataset.rows, scatter.columns))
     coarse, rows = _coarsen(dataset, scatter, config.coarse_conditions)
-    return SearchState(optimizer, scatter, coarse, rows, nominal, optimizer.converge(nothing))
+    return SearchState(
+        optimizer,
+        scatter,
+        coarse,
+        rows,
+        nominal,
+        optimizer.converge(nothing),
+        budget=config.budget,
+    )
 
 
 def _prefer_nothing(state: SearchState, fits: Sequence[MapFit]) -> SearchState:
@@ -438,6 +494,8 @@ def _partner_starts(
     Effects that promise little there keep their signatures beside the fit without effects.
     """
     starts: list[FitStart] = []
+    if state.budget.is_spent:
+        return starts
     if _is_adequate(state):
         least = config.worth_beside_a_good_fit
     else:
@@ -477,13 +535,13 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
     """Fit the starts on the subset, keep the best of each set, and fit the best `full` of these
     sets on all conditions.
     """
-    known = set()
-    for fit in state.fits:
-        if len(fit.coordinates.choices) > 1:
-            known.add(frozenset(fit.coordinates.choices))
+    fitted = [fit.coordinates.choices for fit in state.fits]
+    known = {frozenset(terms) for terms in fitted if len(terms) > 1}
     wanted = [start for start in starts if frozenset(start.terms) not in known]
 
     def fit_coarsely(start: FitStart) -> tuple[float, Floats] | None:
+        if state.budget.is_spent:
+            return None
         fit = _fit(state.coarse, state, start, 2)
         if fit is None:
             return None
@@ -508,9 +566,17 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
 
 
 def _fit_all(state: SearchState, starts: Sequence[FitStart]) -> list[MapFit]:
-    """MAP fits on all conditions, in parallel; without those where the model has no answer."""
+    """MAP fits on all conditions, in parallel; without those where the model has no answer, and
+    those for which there is no time.
+    """
+
+    def fit_in_time(start: FitStart) -> MapFit | None:
+        if state.budget.is_spent:
+            return None
+        return _fit(state.optimizer, state, start, 5)
+
     fits = map_in_processes(
-        lambda start: _fit(state.optimizer, state, start, 5),
+        fit_in_time,
         starts,
         _list_shared(state, (start.terms for start in starts)),
     )
@@ -550,7 +616,9 @@ def _converge(state: SearchState, size: int, config: SearchConfig) -> SearchStat
 def _refine_all(
     state: SearchState, refine: Callable[[MapFit], MapFit], fits: Sequence[MapFit]
 ) -> list[MapFit]:
-    """The fits after `refine`, in parallel."""
+    """The fits after `refine`, in parallel; as they are where there is no time."""
+    if state.budget.is_spent:
+        return list(fits)
     return map_in_processes(
         refine, fits, _list_shared(state, (fit.coordinates.choices for fit in fits))
     )
@@ -581,7 +649,7 @@ def _infer_history(state: SearchState, enough: float, config: SearchConfig) -> S
     A bad explanation would give a wrong history.
     """
     best = state.best
-    if state.optimizer.evaluate(best).error > enough:
+    if state.budget.is_spent or state.optimizer.evaluate(best).error > enough:
         return state
     old_dataset = state.optimizer.dataset
     dataset = old_dataset.with_parts(
@@ -612,7 +680,15 @@ def _infer_history(state: SearchState, enough: float, config: SearchConfig) -> S
         fits[number] = fit
     nothing, *others = fits
     return SearchState(
-        optimizer, scatter, coarse, rows, nominal, nothing, tuple(others), exchanged=state.exchanged
+        optimizer,
+        scatter,
+        coarse,
+        rows,
+        nominal,
+        nothing,
+        tuple(others),
+        exchanged=state.exchanged,
+        budget=state.budget,
     )
 
 
@@ -627,6 +703,8 @@ def _exchange(
     unchanged: a rival that began at the prior means may have ended in another mode, and would lose
     by that alone. `probes` are the effects around the nominal model.
     """
+    if state.budget.is_spent:
+        return state
     terms = tuple(dict.fromkeys(probe.choice for probe in probes))
     parents = [
         fit
@@ -709,6 +787,8 @@ def _fit_nested(state: SearchState) -> SearchState:
     Each subset also begins with the contribution of the missing effect transferred to the
     equivalent nuisance parameter.
     """
+    if state.budget.is_spent:
+        return state
     best = state.best
     starts: list[FitStart] = []
     coordinates = best.coordinates
@@ -737,6 +817,8 @@ def _refit_nothing(state: SearchState) -> SearchState:
     """Fit the hypothesis without effects also from the nuisance values of the best explanation;
     the better fit is converged.
     """
+    if state.budget.is_spent:
+        return state
     nuisances = state.nominal.coordinates.nuisances
     again = _fit(
         state.optimizer,
@@ -756,6 +838,7 @@ def _result(
     coordinates: Parameterization,
     probes: Sequence[EffectProbe],
     effects: Sequence[Effect],
+    stages: SearchStages,
 ) -> ModelSelectionResult:
     optimizer = state.optimizer
     nominal = optimizer.at(coordinates, state.nominal.x, state.nominal.jacobian) or state.nominal
@@ -772,4 +855,5 @@ def _result(
         state.scatter,
         optimizer.likelihood,
         optimizer.dataset,
+        stages.find_end(),
     )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.fitting.space import Prior
-from rfca_rig.diagnosis.config import DEFAULT_SEARCH
+from rfca_rig.diagnosis.config import DEFAULT_SEARCH, SearchConfig
 from rfca_rig.diagnosis.decision.sizes import find_detection_limits
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, without_scatter
@@ -42,7 +42,11 @@ def list_drive_effects(encoders: Collection[str]) -> list[Effect]:
 
 
 def search_drive(
-    prepared: PreparedLeg, leg: ModelSelectionResult, effects: Sequence[Effect], progress: Progress
+    prepared: PreparedLeg,
+    leg: ModelSelectionResult,
+    effects: Sequence[Effect],
+    progress: Progress,
+    config: SearchConfig,
 ) -> ModelSelectionResult:
     """Search for effects of the drive in the motion of the shaft, with the leg as the best
     hypothesis has it.
@@ -87,6 +91,7 @@ def search_drive(
             way,
             effects,
             lambda text, share: progress(f"the drive: {text}", 0.9 + 0.07 * share),
+            config,
         )
 
     result = search(first)

@@ -16,6 +16,7 @@ from rfca_rig.analysis.fitting.residuals import StrokeWindow
 from rfca_rig.analysis.fitting.result import FitResult, write_model_file
 from rfca_rig.analysis.fitting.strokes import StrokeComparison, fit_recordings
 from rfca_rig.analysis.matched_simulation import Shaft
+from rfca_rig.diagnosis.budget import UNLIMITED, TimeBudget
 from rfca_rig.diagnosis.config import DEFAULT_SEARCH, check_known, select_candidates
 from rfca_rig.diagnosis.decision.decide import decide
 from rfca_rig.diagnosis.experiment_design.leg_experiment import (
@@ -197,17 +198,20 @@ class LegProblem(Problem):
         """Raise BadInput for a place where no law of a leg can be measured."""
         check_place(place, OF_LEG)
 
-    def solve(self, without: Collection[str], progress: Progress) -> LegSolution:
+    def solve(
+        self, without: Collection[str], progress: Progress, budget: TimeBudget = UNLIMITED
+    ) -> LegSolution:
         """Search the forces, and where the shaft does not follow its command, its motion."""
         prepared = self.prepared
         effects = select_candidates(list_candidates(prepared), without)
-        search = search_models(prepared.dataset, prepared.coordinates, effects, progress)
+        config = replace(DEFAULT_SEARCH, budget=budget)
+        search = search_models(prepared.dataset, prepared.coordinates, effects, progress, config)
         forces = DecidedSearch(effects, search, decide(search))
         shaft = None
         # Where the shaft follows its command, the drive needs no search of its own.
         if not prepared.as_commanded:
             drive_effects = select_candidates(list_drive_effects((MOTOR_SIDE, LEG_SIDE)), without)
-            drive = search_drive(prepared, search, drive_effects, progress)
+            drive = search_drive(prepared, search, drive_effects, progress, config)
             shaft = DecidedSearch(drive_effects, drive, decide(drive))
         return LegSolution(prepared, LegFindings(forces, shaft), self.recordings_of_leg[0])
 

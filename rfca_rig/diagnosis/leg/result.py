@@ -73,6 +73,7 @@ def build_leg_result(prepared: PreparedLeg, findings: LegFindings) -> Diagnosis:
         ),
         unexplained=(*result.unexplained, *free_text),
         remarks=(
+            *result.remarks,
             *prepared.remarks,
             *_remarks(prepared, search),
             *_describe_delay(prepared, findings.shaft),

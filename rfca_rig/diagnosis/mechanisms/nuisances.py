@@ -41,6 +41,10 @@ class MechanismInput:
         """The same with these effects added."""
         return replace(self, effects=(*self.effects, *effects))
 
+    def replace_effects(self, effects: tuple[PresentEffect, ...]) -> Self:
+        """The same with these effects instead."""
+        return replace(self, effects=effects)
+
 
 def space_of_mechanism(
     mechanism: Mechanism, known_to: Mapping[str, float], is_driven: bool, sensors: Collection[str]

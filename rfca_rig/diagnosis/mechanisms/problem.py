@@ -8,6 +8,7 @@ from typing import Any
 
 from rfca_rig.campaign.experiment import Experiment
 from rfca_rig.campaign.pendulum import is_pendulum
+from rfca_rig.diagnosis.budget import UNLIMITED, TimeBudget
 from rfca_rig.diagnosis.config import DEFAULT_SEARCH, FEWEST_CONDITIONS
 from rfca_rig.diagnosis.data import WINDOWS_OF_CONDITION
 from rfca_rig.diagnosis.decision.decide import Decision, decide
@@ -29,6 +30,7 @@ from rfca_rig.diagnosis.mechanisms.model_files import (
 )
 from rfca_rig.diagnosis.mechanisms.paired import choose_common_length, prepare_reference
 from rfca_rig.diagnosis.mechanisms.prepared import PreparedMechanism, prepare_mechanism
+from rfca_rig.diagnosis.mechanisms.torque_balance import is_worth_balancing, make_torque_dataset
 from rfca_rig.diagnosis.mechanisms.windows import MOTION_EXPERIMENT
 from rfca_rig.diagnosis.problem import (
     AnswerPart,
@@ -254,12 +256,19 @@ class MechanismProblem(Problem):
         """Raise BadInput for a place that is no joint."""
         parse_place(place, self.prepared.simulator.mechanism)
 
-    def solve(self, without: Collection[str], progress: Progress) -> MechanismSolution:
+    def solve(
+        self, without: Collection[str], progress: Progress, budget: TimeBudget = UNLIMITED
+    ) -> MechanismSolution:
         """Search in windows as long as the recordings allow."""
         short = self.prepared
         effects = [effect for effect in self.list_effects() if effect.id not in without]
         prepared, search = search_in_windows(
-            short, Parameterization(short.space), effects, progress, SEARCH
+            short,
+            Parameterization(short.space),
+            effects,
+            progress,
+            replace(SEARCH, budget=budget),
+            make_torque_dataset(short) if is_worth_balancing(short) else None,
         )
         return MechanismSolution(
             prepared, DecidedSearch(effects, search, _decide(prepared, search)), short

@@ -12,6 +12,7 @@ from rfca_rig.diagnosis.config import EXCLUDED
 from rfca_rig.diagnosis.residual_force.law import describe_law
 from rfca_rig.diagnosis.result import (
     SHARED_ERROR,
+    TIME_WAS_UP,
     BeforeAfter,
     Diagnosis,
     Located,
@@ -49,7 +50,7 @@ PLACES = 3
 # Of the misfits, the forces; hinge angles are on the page.
 FIGURES = 3
 # Remarks without which the answer would be misread, by their beginnings.
-SHOWN_REMARKS = (EXCLUDED, SHARED_ERROR)
+SHOWN_REMARKS = (EXCLUDED, SHARED_ERROR, TIME_WAS_UP)
 # A console may have no other characters.
 ASCII = str.maketrans(
     {"\u00a0": " ", "\u2212": "-", "\u2013": "-", "±": "+-", "²": "2", "³": "3", SIGMA: "sigma"}

@@ -168,7 +168,11 @@ def _family(diagnosis: Diagnosis, family: StatedFamily) -> PageSection:
         share = _explained_share(diagnosis.explained_share)
         pattern = "{} The best of their laws explains {} of the removable misfit on held-out {}."
         text = html(pattern, text, share, parts)
-    return PageSection("What kind of effect is missing", [paragraph(text)])
+    if diagnosis.is_since_reference:
+        title = "What kind of effect has changed"
+    else:
+        title = "What kind of effect is missing"
+    return PageSection(title, [paragraph(text)])
 
 
 def _members(family: StatedFamily) -> Markup:

@@ -25,6 +25,7 @@ from rfca_rig.reports.elements import (
 from rfca_rig.reports.provenance import PROGRAM, PageContext
 from rfca_rig.reports.text import format_significant, signal_words
 
+# What a grade means, and what its probability is one of.
 GRADE_WORDS = {
     "identified": (
         "One law holds to the usual model error in all conditions.",
@@ -48,6 +49,30 @@ GRADE_WORDS = {
     ),
     "not enough data": ("These recordings do not allow an answer.", ""),
 }
+GRADE_WORDS_SINCE_REFERENCE = {
+    "identified": (
+        "One change explains the difference from the reference to the usual error.",
+        "probability that this is it",
+    ),
+    "mostly": (
+        "These changes are most of the difference. Their laws are only approximately right.",
+        "probability that they are there",
+    ),
+    "family": (
+        "The data tell what kind of change it is, not which law it follows.",
+        "probability of this family",
+    ),
+    "nothing missing": (
+        "The recordings are as the reference predicts them.",
+        "probability that nothing has changed",
+    ),
+    "unexplained": (
+        "The recordings differ from what the reference predicts.",
+        "probability that something has changed",
+    ),
+    "not enough data": ("These recordings do not allow an answer.", ""),
+}
+UNFINISHED = "Not every effect was tried."
 NEXT_STEPS = {
     "identified": (
         "Add the effect to your model: the fitted model file beside this page has it. Check "
@@ -64,13 +89,25 @@ NEXT_STEPS = {
     ),
     "not enough data": "Record more: at least three conditions, each with repeats.",
 }
+NEXT_STEPS_SINCE_REFERENCE = {
+    **NEXT_STEPS,
+    "identified": "Look at what has changed. The model file beside this page has the change.",
+    "mostly": "Look at what has changed first; what remains is listed below.",
+    "family": "Look at what the family names; these data do not tell its law.",
+    "nothing missing": "Go on. Changes above the detection limits below are excluded.",
+    "unexplained": "Inspect the rig where the difference was located.",
+}
+GIVE_MORE_TIME = "Give the diagnosis more --minutes."
 
 
 def opening(diagnosis: Diagnosis, context: PageContext) -> Markup:
     """The head of the page as HTML."""
     marks = dict.fromkeys(recording.mark for recording in context.origin.recordings)
     title = join(" ", [f"Diagnosis of {diagnosis.title}", *map(mark, marks)])
-    meaning, number_words = GRADE_WORDS[diagnosis.grade]
+    grade_words = GRADE_WORDS_SINCE_REFERENCE if diagnosis.is_since_reference else GRADE_WORDS
+    meaning, number_words = grade_words[diagnosis.grade]
+    if diagnosis.is_unfinished:
+        meaning = UNFINISHED
     text = name_parts(meaning, diagnosis.is_of_stretches)
     evidence = with_typography(describe_evidence(diagnosis))
     probability = ""
@@ -137,7 +174,10 @@ def describe_evidence(diagnosis: Diagnosis) -> str:
 def describe_next_step(diagnosis: Diagnosis) -> tuple[str, str]:
     """What to do with the answer in words, and the command for it, "" where none does it."""
     proposal = diagnosis.next_experiment
-    step = NEXT_STEPS[diagnosis.grade]
+    if diagnosis.is_unfinished:
+        return GIVE_MORE_TIME, ""
+    steps = NEXT_STEPS_SINCE_REFERENCE if diagnosis.is_since_reference else NEXT_STEPS
+    step = steps[diagnosis.grade]
     if diagnosis.is_of_stretches:
         step = step.replace("a condition not used", "a recording not used")
         step = step.replace("three conditions, each with repeats", "three stretches of recordings")

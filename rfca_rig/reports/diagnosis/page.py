@@ -96,7 +96,6 @@ ACCEPTANCE_TESTS = (
     HtmlColumn("Result"),
 )
 HYPOTHESES = (
-    HtmlColumn("Missing", WORDS),
     HtmlColumn("Before the data", NUMBER),
     HtmlColumn("Probability", NUMBER),
     HtmlColumn("Prior (grey), posterior (dot); decades to 1", card=""),
@@ -351,10 +350,11 @@ def _hypotheses(diagnosis: Diagnosis) -> PageSection | None:
     if rest:
         others = f"{count_noun(len(rest), 'other')}, together {format_probability(sum(rest))}"
         how_to_read = f"{others}. {how_to_read}"
+    name_column = HtmlColumn("Changed" if diagnosis.is_since_reference else "Missing", WORDS)
     return PageSection(
         "Hypotheses",
         [
-            card_table("hypotheses", HYPOTHESES, rows),
+            card_table("hypotheses", (name_column, *HYPOTHESES), rows),
             aside(join(" ", [how_to_read, csv_links("hypotheses.csv")])),
         ],
     )
