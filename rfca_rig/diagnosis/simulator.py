@@ -51,6 +51,15 @@ class SimulatorInput(Protocol):
         ...
 
     @property
+    def effects(self) -> tuple[PresentEffect, ...]:
+        """The effects."""
+        ...
+
+    def replace_effects(self, effects: tuple[PresentEffect, ...]) -> Self:
+        """The same parameters with these effects instead."""
+        ...
+
+    @property
     def unchanged(self) -> Self | None:
         """The same before values changed since a reference; None where none has."""
         ...
@@ -233,6 +242,8 @@ def spread(number: int, count: int) -> list[int]:
 # takes about 1 ms.
 MANY_SIMULATIONS = 200
 INPUTS_AT_ONCE = 28
+# In the SI unit of any signal: a simulation that predicts more diverges, and its squares overflow.
+MOST_PREDICTED = 1e9
 
 
 @dataclass(frozen=True)
@@ -316,7 +327,7 @@ class Dataset:
     def _predict(self, at: Any, parts: Sequence[Any]) -> Floats | None:
         """The model's rows of these conditions; None where it has no answer for one of them."""
         try:
-            return np.concatenate(list(self.simulator.simulate_each(at, parts)))
+            return _join_or_none(self.simulator.simulate_each(at, parts))
         except (SimulationFailed, BadInput):
             return None
 
@@ -325,10 +336,13 @@ class Dataset:
 
 
 def _join_or_none(rows: Iterable[Floats | None]) -> Floats | None:
-    """The rows of all conditions; None where the model has no answer for one of them."""
+    """The rows of all conditions; None where the model has no answer for one of them, or diverges
+    there.
+    """
     answered = []
     for of_condition in rows:
-        if of_condition is None:
+        # The comparison is false for NaN, too.
+        if of_condition is None or not np.abs(of_condition).max(initial=0.0) <= MOST_PREDICTED:
             return None
         answered.append(of_condition)
     return np.concatenate(answered)

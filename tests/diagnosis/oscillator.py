@@ -38,6 +38,9 @@ class Oscillator:
     def with_effects(self, effects):
         return replace(self, effects=(*self.effects, *effects))
 
+    def replace_effects(self, effects):
+        return replace(self, effects=effects)
+
 
 def adding(id_, field, low, high):
     def apply(setup, values):

@@ -11,8 +11,11 @@ from rfca_rig.diagnosis.data import Label
 from rfca_rig.diagnosis.leg.simulator import MOVES, make_leg_dataset, select_tables
 from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.diagnosis.result_builder import group_by_recording
+from rfca_rig.diagnosis.simulator import make_dataset
 from rfca_rig.model.parameters import Swing
 from tests.diagnosis.by_hand import RIG, flaps_of, present, read_at_rest, recorded
+from tests.diagnosis.oscillator import Oscillator, OscillatorSimulator, Shaking
+from tests.diagnosis.oscillator import recorded as shaken
 
 STIFF = ModelPoint(replace(RIG, leg=replace(RIG.leg, k0_Nm_per_rad=1.1 * RIG.leg.k0_Nm_per_rad)))
 IN_THE_FLOOR = ModelPoint(RIG, height_offset_m=-0.4)
@@ -97,3 +100,22 @@ def test_parts_of_a_recording_are_one_curve_in_order_of_time_and_stages_keep_the
     assert [here.tolist() for _, here in groups.values()] == [[2, 3, 0, 1], [4, 5, 6]]
     assert groups["run 1", "angle_rad"][0] == parts
     assert list(group_by_recording(rows, "static")) == [("215 mm", "angle_rad")]
+
+
+@pytest.mark.parametrize("value", [1e12, np.inf, np.nan])
+def test_a_simulation_that_diverges_is_no_answer(value):
+    """Squares of such rows overflow, and a covariance of them is singular."""
+
+    class Diverging(OscillatorSimulator):
+        def simulate(self, at, condition):
+            rows = super().simulate(at, condition)
+            return np.where(at.mass_kg < 1.0, value, 1.0) * rows
+
+    recorded_part = shaken(Shaking(2.0, 4.0), lambda _: 0.0, 1)
+    oscillating = make_dataset([recorded_part], Diverging())
+    sound = Oscillator()
+    diverging = Oscillator(mass_kg=0.5)
+    rows = oscillating.predicted(sound)
+    assert oscillating.predicted(diverging) is None
+    assert oscillating.predict_all([diverging, sound])[0] is None
+    assert oscillating.predict_changes(sound, rows, [diverging]) == [None]

@@ -32,6 +32,15 @@ class ModelPoint:
     command_delay_s: float = 0.0
     unchanged: "ModelPoint | None" = None
 
+    @property
+    def effects(self) -> tuple[PresentEffect, ...]:
+        """The effects of the rig."""
+        return self.rig.effects
+
+    def replace_effects(self, effects: tuple[PresentEffect, ...]) -> "ModelPoint":
+        """The same with these effects of the rig instead."""
+        return replace(self, rig=replace(self.rig, effects=effects))
+
     def with_effects(self, effects: tuple[PresentEffect, ...]) -> "ModelPoint":
         """The same with these effects added to those of the rig, and with these changes of values
         made.

@@ -226,9 +226,11 @@ def compare_with_reference(
             directions |= _list_directions(slope, fit, matches, parts)
             observed = _subtract_matches(observed, fit, matches, parts)
         else:
-            share = max(fit.error / USUAL_ERROR, 1.0) if parts.covariance else 1.0
+            share = fit.transfer_error / USUAL_ERROR if parts.covariance else 1.0
             observed = _scale_error(observed, share)
-        shared = np.where(fit.free, 0.0, slope / value_slopes)
+        # A value at its bound does not move with its coordinate.
+        moves = np.broadcast_to(~fit.free & (value_slopes != 0.0), slope.shape)
+        shared = np.divide(slope, value_slopes, out=np.zeros_like(slope), where=moves)
         compared.append(ReferencedCondition(part, observed, shared, directions, matches))
     simulator = ReferenceSimulator(pair.new.simulator, fit, fit.read_values())
     return make_dataset(compared, simulator)

@@ -2,6 +2,7 @@
 model leaves.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -9,10 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.space import JointNormal, Prior
+from rfca_rig.diagnosis.config import USUAL_ERROR
+from rfca_rig.diagnosis.data import Observations
+from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import (
+    LinearModel,
+    MarginalLikelihood,
     laplace_posterior,
+    loo_log_densities,
     make_marginal_likelihood,
 )
 from rfca_rig.diagnosis.problem import RecordingPair
@@ -31,8 +38,10 @@ class ReferenceFit:
 
     Parameters
     ----------
-    dataset, space
-        Its observations, and the prior that [known_to] states.
+    optimizer, fitted
+        The optimiser of its observations, and its fit without effects.
+    space
+        The prior that [known_to] states.
     free
         (n,) which parameters differ from one day to the next anyway.
     mean, covariance
@@ -41,8 +50,9 @@ class ReferenceFit:
         (m,) measured less predicted at the mean.
     jacobian
         (m, n) derivatives of the predicted rows, per unit of the prior's `std`.
-    error
-        Most probable size of the model's error, as a share of the signals.
+    error, transfer_error
+        Most probable size of the model's error, as a share of the signals: in what the parameters
+        were fitted to, and in motions of other commands.
     groups
         The recordings of each command that was recorded more than once.
     repeats
@@ -52,7 +62,8 @@ class ReferenceFit:
         to repeat within a condition.
     """
 
-    dataset: Dataset
+    optimizer: GaussNewton
+    fitted: MapFit
     space: Prior[Any]
     free: NDArray[np.bool_]
     mean: Floats
@@ -60,9 +71,15 @@ class ReferenceFit:
     residuals: Floats
     jacobian: Floats
     error: float
+    transfer_error: float
     groups: tuple[tuple[Match, ...], ...]
     repeats: RepeatError | None
     scatter: Floats
+
+    @property
+    def dataset(self) -> Dataset:
+        """Its observations."""
+        return self.optimizer.dataset
 
     def make_prior(self, is_joint: bool = True) -> Prior[Any]:
         """The prior for recordings of another day: the posterior, with the stated priors of the
@@ -113,7 +130,8 @@ def fit_reference(pair: RecordingPair, progress: Progress) -> ReferenceFit:
     whitening = likelihood.level(linear)
     posterior = laplace_posterior(linear, whitening)
     return ReferenceFit(
-        dataset=dataset,
+        optimizer=GaussNewton(dataset, likelihood),
+        fitted=fitted,
         space=pair.space,
         free=np.array([name in pair.free for name in pair.space.names], dtype=bool),
         mean=posterior.mean,
@@ -121,10 +139,44 @@ def fit_reference(pair: RecordingPair, progress: Progress) -> ReferenceFit:
         residuals=linear.target - linear.jacobian @ posterior.mean,
         jacobian=linear.jacobian,
         error=whitening.s,
+        transfer_error=_measure_transfer_error(linear, likelihood, _number_commands(rows, groups)),
         groups=groups,
         repeats=repeats,
         scatter=search.scatter.columns,
     )
+
+
+def _number_commands(rows: Observations, groups: Sequence[Sequence[Match]]) -> NDArray[np.intp]:
+    """Number of the command of each row (m,): recordings of one group have the same. Where all
+    have, that of its condition.
+    """
+    numbers = np.arange(int(rows.recording.max()) + 1)
+    for group in groups:
+        for match in group:
+            numbers[match.recording] = group[0].recording
+    commands = np.unique(numbers[rows.recording], return_inverse=True)[1].astype(np.intp)
+    if commands.max() == 0:
+        return rows.condition
+    return commands
+
+
+def _measure_transfer_error(
+    linear: LinearModel, likelihood: MarginalLikelihood, commands: NDArray[np.intp]
+) -> float:
+    """Size of the model's error, as a share of the signals, with which the rows of each command
+    are most probable given those of all others; the usual one at least.
+
+    `commands` (m,) numbers the command of each row.
+    """
+    count = int(commands.max()) + 1
+    candidates = [level for level in likelihood.every_scale if level.s >= USUAL_ERROR]
+    if count < 2:
+        return likelihood.level(linear).s
+    log_densities = []
+    for whitening in candidates:
+        of_commands = loo_log_densities(linear, whitening, commands, range(count))
+        log_densities.append(float(of_commands.sum()))
+    return candidates[int(np.argmax(log_densities))].s
 
 
 def scatter_by_recording(recording: NDArray[np.intp], effect: Floats) -> list[Floats]:

@@ -5,9 +5,10 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from rfca_rig.diagnosis.budget import UNLIMITED, TimeBudget
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS, USUAL_ERROR
 from rfca_rig.diagnosis.data import rms, unit_of
-from rfca_rig.diagnosis.decision.decide import Decision, decide
+from rfca_rig.diagnosis.decision.decide import STATED_GRADES, Decision, decide, withhold
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
@@ -27,6 +28,8 @@ from rfca_rig.diagnosis.reference.conditions import (
     compare_pair,
 )
 from rfca_rig.diagnosis.reference.fit import ReferenceFit, fit_reference
+from rfca_rig.diagnosis.reference.omissions import add_omission, find_omission, has_matches
+from rfca_rig.diagnosis.reference.shared import find_shared_effects
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.result import SHARED_ERROR, Diagnosed, Diagnosis, name_parts
 from rfca_rig.diagnosis.result_builder import Wording, describe, not_enough_data
@@ -53,6 +56,18 @@ SINCE_REFERENCE = Wording(
 )
 
 
+# Where commands differ, what differs may be the model's error.
+IN_OTHER_MOTIONS = replace(
+    SINCE_REFERENCE,
+    nothing="Since the reference, nothing has changed that these recordings would show, though "
+    "their commands are other ones.",
+    something="The recordings differ from what the reference predicts for their commands, which "
+    "are other ones",
+    visible="The difference from the reference is within the usual error of the model in other "
+    "motions, but visible:",
+)
+
+
 @dataclass(frozen=True)
 class ReferenceSolution(Solution):
     """The decided search for what has changed.
@@ -65,6 +80,12 @@ class ReferenceSolution(Solution):
         The search, the recordings as they are, and the conditions in which it was made.
     fit, reference
         The reference, and the identity of its recordings.
+    is_matched
+        Whether enough conditions for a verdict have a match in the reference.
+    omission
+        Effects that the model lacks in the reference, and has in both since.
+    shared
+        Effects that would have been stated, but that the model lacks in the reference, too.
     """
 
     inner: Solution
@@ -73,11 +94,22 @@ class ReferenceSolution(Solution):
     compared: Dataset
     fit: ReferenceFit
     reference: tuple[Diagnosed, ...]
+    is_matched: bool
+    omission: tuple[str, ...] = ()
+    shared: tuple[str, ...] = ()
 
     def describe(self) -> Diagnosis:
         """The answer as a change, and apart from it what both recordings have."""
         diagnosis = self.inner.describe()
-        sentence = describe(self.finding.decision, SINCE_REFERENCE)
+        if self.shared:
+            sentence = (
+                f"{' and '.join(self.shared)} would explain how the recordings differ from the "
+                "reference. But the model lacks it in the reference, too, and the commands are "
+                "other ones, so that it may be no change."
+            )
+        else:
+            words = SINCE_REFERENCE if self.is_matched else IN_OTHER_MOTIONS
+            sentence = describe(self.finding.decision, words)
         return replace(
             diagnosis,
             sentence=name_parts(sentence, diagnosis.is_of_stretches),
@@ -152,10 +184,16 @@ class ReferenceSolution(Solution):
             f"{SHARED_ERROR} {self._describe_shared_error()}; {matched} of {count} parts of the "
             "recordings were compared with the same command in the reference"
         ]
+        if self.omission:
+            remarks.append(
+                f"the model lacks {' and '.join(self.omission)} in the reference already; it was "
+                "added to the model of both"
+            )
         if matched < count:
             remarks.append(
                 "parts without their command in the reference count under the whole error of the "
-                f"model there, {100.0 * self.fit.error:.1f} % of the usual torques"
+                f"model in other motions, {100.0 * self.fit.transfer_error:.1f} % of the usual "
+                "torques"
             )
         if self.fit.repeats is None:
             remarks.append(
@@ -182,7 +220,9 @@ class ReferenceSolution(Solution):
             "recordings": [asdict(recording) for recording in self.reference],
             "matched": sum(bool(part.matches) for part in self._parts),
             "conditions": len(self._parts),
+            "lacked_before": list(self.omission),
             "model_error": self.fit.error,
+            "model_error_in_other_motions": self.fit.transfer_error,
             "repeat_error": None if repeats is None else repeats.error,
             "repeats": 0 if repeats is None else repeats.spare,
         }
@@ -230,15 +270,25 @@ class ReferenceProblem(Problem):
         """Raise BadInput: there is one reference."""
         raise BadInput("--reference: is there already; name one reference")
 
-    def solve(self, without: Collection[str], progress: Progress) -> ReferenceSolution:
+    def solve(
+        self, without: Collection[str], progress: Progress, budget: TimeBudget = UNLIMITED
+    ) -> ReferenceSolution:
         """Fit the reference, compare, search and decide."""
         # Changes of values are no effects that a kind of rig knows.
         of_rig = set(without) - VALUE_OF_CHANGE.keys()
         pair = self.new.pair_with(self.reference, of_rig, progress)
-        fit = fit_reference(
-            pair,
-            lambda text, share: progress(f"reference: {text}", SHARE_OF_REFERENCE * share),
-        )
+        pair = replace(pair, config=replace(pair.config, budget=budget))
+
+        def progress_of_reference(text: str, share: float) -> None:
+            progress(f"reference: {text}", SHARE_OF_REFERENCE * share)
+
+        is_matched = has_matches(pair)
+        omission = None
+        if not is_matched:
+            omission = find_omission(pair, of_rig, progress_of_reference)
+        if omission is not None:
+            pair = add_omission(pair, omission)
+        fit = fit_reference(pair, progress_of_reference)
         effects = add_changes(pair, without)
         coordinates = Parameterization(fit.make_prior(self.parts.joint_prior))
         compared = compare_pair(pair, coordinates, fit, self.parts)
@@ -251,9 +301,24 @@ class ReferenceProblem(Problem):
             ),
             pair.config,
         )
-        finding = DecidedSearch(effects, search, _decide(pair, search))
-        recordings = self.reference.recordings
-        return ReferenceSolution(pair.solve(finding), finding, pair, compared, fit, recordings)
+        decision = _decide(pair, search)
+        shared: tuple[str, ...] = ()
+        if not is_matched and decision.grade in STATED_GRADES:
+            shared = find_shared_effects(decision.explanation, compared, fit)
+        if shared:
+            decision = withhold(decision, search)
+        finding = DecidedSearch(effects, search, decision)
+        return ReferenceSolution(
+            inner=pair.solve(finding),
+            finding=finding,
+            pair=pair,
+            compared=compared,
+            fit=fit,
+            reference=self.reference.recordings,
+            is_matched=is_matched,
+            omission=() if omission is None else omission.ids,
+            shared=shared,
+        )
 
     def check_fit(self, options: FitOptions, out: Path | None) -> None:
         """Raise BadInput as the recordings alone do."""

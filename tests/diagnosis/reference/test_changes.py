@@ -11,6 +11,7 @@ import pytest
 
 from rfca_rig.diagnosis.config import DEFAULT_SEARCH
 from rfca_rig.diagnosis.problem import Problem, RecordingPair
+from rfca_rig.diagnosis.reference import problem
 from rfca_rig.diagnosis.reference.conditions import ReferenceParts, compare_with_reference
 from rfca_rig.diagnosis.reference.fit import fit_reference
 from rfca_rig.diagnosis.reference.matching import name_signals
@@ -63,12 +64,17 @@ class RecordingSimulator(OscillatorSimulator):
         return super().simulate(at, condition.condition)
 
 
-def record(shaken, friction, repeats=1, seed=0):
+def rub(v):
+    """What the model lacks in reference and recordings: rounder than the catalogue's law."""
+    return FRICTION_N * v / np.hypot(v, 0.012)
+
+
+def record(shaken, friction, repeats=1, seed=0, mass_kg=1.0):
     """Each condition as often as `repeats` says, with noise of its own."""
     parts = []
     for number, condition in enumerate(shaken):
         for repeat in range(repeats):
-            done = recorded(condition, friction, [seed, number, repeat])
+            done = recorded(condition, friction, [seed, number, repeat], mass_kg)
             parts.append(OneRecording(done, f"{number} repeat {repeat}"))
     return make_dataset(parts, RecordingSimulator())
 
@@ -93,9 +99,9 @@ def decided(new, reference, parts=None):
     """The decision about the change, through the problem that every kind of rig uses."""
     of_rig = Mock(spec=Problem)
     of_rig.pair_with.return_value = make_pair(new, reference)
-    problem = ReferenceProblem(of_rig, of_rig, parts or ReferenceParts())
     of_rig.recordings = ()
-    return problem.solve((), lambda *_: None)
+    compared = ReferenceProblem(of_rig, of_rig, parts or ReferenceParts())
+    return compared.solve((), lambda *_: None)
 
 
 @pytest.fixture(scope="module")
@@ -151,3 +157,41 @@ def test_nuisance_parameters_that_both_share_cancel_in_the_difference(reference)
     change = np.linalg.norm(new.predicted(there) - new.predicted(here))
     left = np.linalg.norm(compared.predicted(there) - compared.predicted(here))
     assert left < 0.1 * change
+
+
+@pytest.fixture(scope="module")
+def rubbing_reference():
+    return record(SHAKEN, rub, repeats=2, seed=1)
+
+
+def test_what_the_model_lacks_in_the_reference_is_no_change_in_other_motions(rubbing_reference):
+    solution = decided(record(OTHERS, rub, seed=2), rubbing_reference)
+    assert solution.omission == ("coulomb",)
+    assert not solution.finding.decision.effects
+    assert solution.finding.decision.family is None
+
+
+def test_a_change_shows_in_other_motions_beside_what_the_model_lacks(rubbing_reference):
+    solution = decided(record(OTHERS, rub, seed=2, mass_kg=1.1), rubbing_reference)
+    assert solution.omission == ("coulomb",)
+    (effect,) = solution.finding.decision.effects
+    assert effect.id == "extra_mass"
+    assert effect.parameters["mass_kg"].value == pytest.approx(0.1, rel=0.1)
+
+
+@pytest.mark.parametrize(("share", "is_withheld"), [(0.1, False), (0.4, True)])
+def test_an_effect_is_withheld_where_the_reference_asks_for_half_of_what_it_does(
+    monkeypatch, share, is_withheld
+):
+    """As where nothing can be stated about the reference itself."""
+    monkeypatch.setattr(problem, "find_omission", lambda *_: None)
+    reference = record(SHAKEN, lambda v: share * 2.0 * rub(v), repeats=2, seed=1)
+    solution = decided(record(OTHERS, lambda v: 2.0 * rub(v), seed=2), reference)
+    decision = solution.finding.decision
+    if is_withheld:
+        assert solution.shared == ("coulomb",)
+        assert decision.grade == "unexplained"
+        assert decision.closest.ids == ("coulomb",)
+    else:
+        assert solution.shared == ()
+        assert [effect.id for effect in decision.effects] == ["coulomb"]
