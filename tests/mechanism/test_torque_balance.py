@@ -53,18 +53,25 @@ def test_an_error_of_one_percent_is_one_of_the_usual_torque(unchanged):
 
 def test_gaps_are_left_out(unchanged):
     run = unchanged.experiment.runs[0]
-    kept = (run.t_s < 2.5) | (run.t_s > 2.9)
-    gappy = replace(
-        run,
-        t_s=run.t_s[kept],
-        signals=run.signals[kept],
-        commands=run.commands[kept],
-        prescribed=run.prescribed[kept],
-    )
+    gappy = run.take((run.t_s < 2.5) | (run.t_s > 2.9))
     whole = replace(unchanged.experiment, runs=(run,))
     with_gap = replace(unchanged.experiment, runs=(gappy,))
     count = len(make_torque_dataset(replace(unchanged, experiment=whole)).parts)
     assert len(make_torque_dataset(replace(unchanged, experiment=with_gap)).parts) == count - 1
+
+
+def test_recordings_that_are_too_short_have_no_torques(unchanged):
+    runs = tuple(run.take(run.t_s < 0.5) for run in unchanged.experiment.runs)
+    short = replace(unchanged, experiment=replace(unchanged.experiment, runs=runs))
+    assert make_torque_dataset(short) is None
+
+
+def test_of_long_recordings_some_stretches_are_used(unchanged):
+    runs = unchanged.experiment.runs * 10
+    long = replace(unchanged, experiment=replace(unchanged.experiment, runs=runs))
+    parts = make_torque_dataset(long).parts
+    assert len(parts) == 30
+    assert {part.recording for part in parts} == {run.label for run in runs}
 
 
 def test_contacts_and_few_joints_are_simulated_instead(unchanged):

@@ -23,7 +23,7 @@ from rfca_rig.diagnosis.data import CONDITION_S, Label, Observations, WindowRows
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.prepared import PreparedMechanism, arrange_commands
 from rfca_rig.diagnosis.mechanisms.windows import SMOOTH_BINS, MechanismSimulator
-from rfca_rig.diagnosis.simulator import Dataset, Simulator, make_dataset
+from rfca_rig.diagnosis.simulator import Dataset, Simulator, make_dataset, spread
 from rfca_rig.mechanism.load import Mechanism
 from rfca_rig.mechanism.needed_torque import RecordedStates, compute_missing_torque
 from rfca_rig.mechanism.rollout import CommandTrace
@@ -36,6 +36,9 @@ TORQUE_EXPERIMENT = "torques"  # name of the experiment in labels
 BIN_FACTOR = 2
 STATES_OF_BIN = 4
 FEWEST_BINS = 4
+# As many as there are in a recording of a minute: more rows make a search slow, and the model's own
+# error limits what they add.
+MOST_STRETCHES = 30
 # Of fewer joints, single effects are fitted to short windows in as little time: in 3 s for one, in
 # 7 s for two, and in 25 s for three, where torques take 6 s.
 FEWEST_JOINTS = 3
@@ -144,19 +147,28 @@ def is_worth_balancing(prepared: PreparedMechanism) -> bool:
     )
 
 
-def make_torque_dataset(prepared: PreparedMechanism) -> Dataset:
-    """The torques of all recordings, of a mechanism that is worth balancing.
-
-    Raises BadInput where no recording is long enough.
+def make_torque_dataset(prepared: PreparedMechanism) -> Dataset | None:
+    """The torques of the recordings, at most MOST_STRETCHES of them, evenly spread, of a mechanism
+    that is worth balancing; None where no recording is long enough.
     """
-    stretches: list[TorqueStretch] = []
+    places: list[tuple[MechanismRun, float, int]] = []
     for run in prepared.experiment.runs:
-        stretches += _cut_run(prepared, run)
+        for start_s, bins in _cut_run(prepared, run):
+            places.append((run, start_s, bins))
+    if not places:
+        return None
+    bin_s = BIN_FACTOR * prepared.experiment.bin_s
+    stretches = []
+    for number in spread(len(places), MOST_STRETCHES):
+        run, start_s, bins = places[number]
+        stretches.append(_make_stretch(prepared, run, start_s, bin_s, bins))
     return make_dataset(stretches, TorqueSimulator(prepared.simulator))
 
 
-def _cut_run(prepared: PreparedMechanism, run: MechanismRun) -> Iterator[TorqueStretch]:
-    """Stretches of about CONDITION_S of one recording, without a gap."""
+def _cut_run(prepared: PreparedMechanism, run: MechanismRun) -> Iterator[tuple[float, int]]:
+    """Start in s and number of bins of each stretch of about CONDITION_S of one recording that has
+    no gap.
+    """
     bin_s = BIN_FACTOR * prepared.experiment.bin_s
     begin_s = float(run.t_s[0]) + max(SMOOTHING_HALF_WIDTH_S, MARGIN_S)
     end_s = float(run.t_s[-1]) - SMOOTHING_HALF_WIDTH_S
@@ -169,7 +181,7 @@ def _cut_run(prepared: PreparedMechanism, run: MechanismRun) -> Iterator[TorqueS
         start_s = begin_s + bin_s * int(first)
         around = (run.t_s >= start_s - MARGIN_S) & (run.t_s <= start_s + bin_s * (last - first))
         if np.diff(run.t_s[around]).max() <= prepared.experiment.bin_s:
-            yield _make_stretch(prepared, run, start_s, bin_s, int(last - first))
+            yield start_s, int(last - first)
 
 
 def _make_stretch(
