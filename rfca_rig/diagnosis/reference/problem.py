@@ -34,7 +34,7 @@ from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.result import SHARED_ERROR, Diagnosed, Diagnosis, name_parts
 from rfca_rig.diagnosis.result_builder import Wording, describe, not_enough_data
 from rfca_rig.diagnosis.simulator import Dataset
-from rfca_rig.errors import BadInput
+from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.declarations.changes import VALUE_OF_CHANGE
 from rfca_rig.model.effect import Effect
 from rfca_rig.protocol.plan import Limits
@@ -286,12 +286,21 @@ class ReferenceProblem(Problem):
         omission = None
         if not is_matched:
             omission = find_omission(pair, of_rig, progress_of_reference)
+        plain = pair
         if omission is not None:
             pair = add_omission(pair, omission)
         fit = fit_reference(pair, progress_of_reference)
+        try:
+            coordinates, compared = self._compare(pair, fit)
+        except SimulationFailed:
+            if omission is None:
+                raise
+            # A law that suits the motions of the reference may diverge in others.
+            omission = None
+            pair = plain
+            fit = fit_reference(pair, progress_of_reference)
+            coordinates, compared = self._compare(pair, fit)
         effects = add_changes(pair, without)
-        coordinates = Parameterization(fit.make_prior(self.parts.joint_prior))
-        compared = compare_pair(pair, coordinates, fit, self.parts)
         search = search_models(
             compared,
             coordinates,
@@ -319,6 +328,13 @@ class ReferenceProblem(Problem):
             omission=() if omission is None else omission.ids,
             shared=shared,
         )
+
+    def _compare(self, pair: RecordingPair, fit: ReferenceFit) -> tuple[Parameterization, Dataset]:
+        """The unknowns and the compared conditions. Raises SimulationFailed where the model has no
+        answer at the values of the reference.
+        """
+        coordinates = Parameterization(fit.make_prior(self.parts.joint_prior))
+        return coordinates, compare_pair(pair, coordinates, fit, self.parts)
 
     def check_fit(self, options: FitOptions, out: Path | None) -> None:
         """Raise BadInput as the recordings alone do."""

@@ -17,6 +17,7 @@ from rfca_rig.diagnosis.reference.fit import fit_reference
 from rfca_rig.diagnosis.reference.matching import name_signals
 from rfca_rig.diagnosis.reference.problem import ReferenceProblem
 from rfca_rig.diagnosis.simulator import make_dataset
+from rfca_rig.errors import SimulationFailed
 from tests.diagnosis.oscillator import (
     CATALOGUE,
     OscillatorSimulator,
@@ -195,3 +196,22 @@ def test_an_effect_is_withheld_where_the_reference_asks_for_half_of_what_it_does
     else:
         assert solution.shared == ()
         assert [effect.id for effect in decision.effects] == ["coulomb"]
+
+
+def test_an_omission_that_cannot_be_simulated_in_other_motions_is_left_out(
+    rubbing_reference, monkeypatch
+):
+    compare = problem.compare_pair
+    omissions = []
+
+    def fail_with_an_omission(pair, *others):
+        omissions.append(len(pair.space.names) > len(nuisance_space().names))
+        if omissions[-1]:
+            raise SimulationFailed("diverges")
+        return compare(pair, *others)
+
+    monkeypatch.setattr(problem, "compare_pair", fail_with_an_omission)
+    solution = decided(record(OTHERS, rub, seed=2), rubbing_reference)
+    assert omissions == [True, False]
+    assert solution.omission == ()
+    assert not solution.finding.decision.effects
