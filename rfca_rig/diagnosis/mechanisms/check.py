@@ -303,8 +303,8 @@ def check_delay(
         "command",
         "all commands",
         f"{words}: torques of the model then miss the motion by {100.0 * least:.2g} % instead of "
-        f"{100.0 * now:.2g} %; shift the column of the time, or state command_delay_s in "
-        "[known_to]",
+        f"{100.0 * now:.2g} %; shift the commands in the recordings, or state "
+        "command_delay_s in [known_to]",
         is_warning=True,
         values={"delay_s": delay_s, "before": now, "after": least},
     )
@@ -315,21 +315,20 @@ def _measure_unexplained(balance: TorqueBalance, states: States) -> float:
     of the actuators: both change with a delay, and must not be taken for one.
     """
     missing = 0.0
-    supplied = 0.0
+    driven_joints = 0
     for joint in range(states.position.shape[1]):
         speed = states.speed[:, joint]
         laws = np.column_stack(
             [speed, np.sign(speed), states.acceleration[:, joint], np.ones(len(speed))]
         )
         torque = balance.by_actuator[:, :, joint].sum(axis=1)
-        weight = 1.0 / max(rms(torque), 1e-300)
-        remainder = weight * balance.remainder[:, joint]
         if not torque.any():
             continue
+        remainder = balance.remainder[:, joint] / rms(torque)
         fitted = laws @ np.linalg.lstsq(laws, remainder, rcond=None)[0]
         missing += float(np.mean((remainder - fitted) ** 2))
-        supplied += 1.0
-    return float(np.sqrt(missing / max(supplied, 1.0)))
+        driven_joints += 1
+    return float(np.sqrt(missing / max(driven_joints, 1)))
 
 
 def locate_minimum(places: Floats, values: Floats) -> tuple[float, float]:
