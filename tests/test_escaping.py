@@ -90,9 +90,10 @@ def test_python_reads_the_same_from_a_docstring(name):
 
 @hostile_names
 def test_toml_reads_the_same(name):
-    assert tomllib.loads(f"a = {toml_string(name)}\n{toml_key(name)} = 1\n") == {
+    # In a table of its own, since the name may be "a".
+    assert tomllib.loads(f"a = {toml_string(name)}\n[b]\n{toml_key(name)} = 1\n") == {
         "a": name,
-        **{name: 1},
+        "b": {name: 1},
     }
     nested = {"names": [name, {name: name}]}
     assert tomllib.loads(table("all", nested))["all"] == nested

@@ -224,8 +224,16 @@ def make_experiment(
     """
     folder = path.parent
     model = folder / described.model
-    runs = tuple(_read_run(folder, described, index) for index in range(len(described.recordings)))
-    frames, runs = convert_poses(path, described, runs)
+    runs = [_read_run(folder, described, index) for index in range(len(described.recordings))]
+    frames: tuple[FreeFrame, ...] = ()
+    if described.free:
+        frames, converted = convert_poses(path, described, [run.signals for run in runs])
+        runs = [
+            replace(run, signals=of_run.values, noise_factors=of_run.noise_factors).take(
+                of_run.is_usable
+            )
+            for run, of_run in zip(runs, converted, strict=True)
+        ]
     described = described.model_copy(
         update={"signals": (*described.signals, *list_free_signals(described))}
     )

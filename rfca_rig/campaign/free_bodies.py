@@ -1,9 +1,8 @@
 """Recorded poses of free bodies as positions of the six joints that stand in for a free joint."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,9 +18,6 @@ from rfca_rig.mechanism.free_joints import (
     choose_frame,
 )
 from rfca_rig.toml import place_of
-
-if TYPE_CHECKING:
-    from rfca_rig.campaign.experiment import MechanismRun
 
 Floats = NDArray[np.float64]
 
@@ -60,12 +56,29 @@ def _make_signal(joint: str, unit: str, noise_std: float | None) -> SignalSectio
     )
 
 
-def convert_poses(
-    path: Path, described: ExperimentFile, runs: Sequence["MechanismRun"]
-) -> tuple[tuple[FreeFrame, ...], tuple["MechanismRun", ...]]:
-    """The frames of all free joints, and the recordings with the positions of their six joints.
+@dataclass(frozen=True)
+class ConvertedSignals:
+    """The signals of one recording with m samples, those of free bodies at the end.
 
-    Samples in which the middle angle of a body is beyond MAX_MIDDLE_ANGLE_RAD are left out.
+    Parameters
+    ----------
+    values
+        (m, s) in SI units.
+    noise_factors
+        (m, s) noise of each sample over the least one of its signal.
+    is_usable
+        (m,) whether no middle angle is beyond MAX_MIDDLE_ANGLE_RAD.
+    """
+
+    values: Floats
+    noise_factors: Floats
+    is_usable: NDArray[np.bool_]
+
+
+def convert_poses(
+    path: Path, described: ExperimentFile, recorded: Sequence[Floats]
+) -> tuple[tuple[FreeFrame, ...], list[ConvertedSignals]]:
+    """The frames of all free joints, and the recordings with the positions of their six joints.
 
     Parameters
     ----------
@@ -73,8 +86,8 @@ def convert_poses(
         Of experiment.toml, for messages.
     described
         What the columns are.
-    runs
-        The recordings, whose last signals are the poses, POSE columns each.
+    recorded
+        For each recording its signals (m, c), the last of which are the poses, POSE columns each.
 
     Raises
     ------
@@ -83,32 +96,36 @@ def convert_poses(
     """
     first = len(described.signals)
     frames = []
-    if not described.free:
-        return (), tuple(runs)
-    converted = [run.signals[:, :first] for run in runs]
-    factors = [np.ones((len(run.t_s), first)) for run in runs]
-    is_kept = [np.ones(len(run.t_s), dtype=bool) for run in runs]
+    converted = [
+        ConvertedSignals(
+            signals[:, :first], np.ones((len(signals), first)), np.ones(len(signals), dtype=bool)
+        )
+        for signals in recorded
+    ]
     for index, free in enumerate(described.free):
         begin = first + POSE * index
-        poses = [run.signals[:, begin : begin + POSE] for run in runs]
+        poses = [signals[:, begin : begin + POSE] for signals in recorded]
         rotations = [_read_rotations(path, index, pose[:, 3:]) for pose in poses]
         frame = choose_frame(free.joint, rotations)
         frames.append(frame)
         for number, pose in enumerate(poses):
             angles = frame.read_angles(rotations[number])
-            converted[number] = np.column_stack(
-                [converted[number], free.factor * pose[:, :3], angles]
-            )
-            is_kept[number] &= np.abs(angles[:, 1]) <= MAX_MIDDLE_ANGLE_RAD
-            # An error of the orientation turns the first and the last angle by so much more.
-            amplified = np.ones((len(angles), 6))
-            amplified[:, [3, 5]] = 1.0 / np.cos(angles[:, 1:2])
-            factors[number] = np.column_stack([factors[number], amplified])
-    usable = []
-    for run, signals, noise_factors, kept in zip(runs, converted, factors, is_kept, strict=True):
-        whole = replace(run, signals=signals, noise_factors=noise_factors)
-        usable.append(whole.take(kept))
-    return tuple(frames), tuple(usable)
+            positions = np.column_stack([free.factor * pose[:, :3], angles])
+            converted[number] = _append(converted[number], positions)
+    return tuple(frames), converted
+
+
+def _append(signals: ConvertedSignals, positions: Floats) -> ConvertedSignals:
+    """The signals with the positions (m, 6) of one more body."""
+    middle = positions[:, 4]
+    # An error of the orientation turns the first and the last angle by so much more.
+    factors = np.ones_like(positions)
+    factors[:, [3, 5]] = 1.0 / np.cos(middle[:, None])
+    return ConvertedSignals(
+        np.column_stack([signals.values, positions]),
+        np.column_stack([signals.noise_factors, factors]),
+        signals.is_usable & (np.abs(middle) <= MAX_MIDDLE_ANGLE_RAD),
+    )
 
 
 def _read_rotations(path: Path, index: int, quaternions: Floats) -> Rotation:

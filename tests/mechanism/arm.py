@@ -95,9 +95,9 @@ def mjcf(arm):
     )
 
 
-def record(arm, seconds, seed, pose_rad=0.8, size_rad=0.5):
+def record(arm, seconds, seed, pose_rad=0.8, size_rad=0.5, noise_seed=None):
     """Times (m,), angles, speeds and torques (m, n) as recorded under a controller that follows
-    sines in every joint.
+    sines in every joint; repeats of one motion have noise seeds of their own.
     """
     random = np.random.default_rng(seed)
     n = arm.joints
@@ -131,7 +131,7 @@ def record(arm, seconds, seed, pose_rad=0.8, size_rad=0.5):
         )
         told = torques[max(k - late, 0)] * arm.torque_factor
         state = _advance(arm, state, told)
-    noise = np.random.default_rng([seed, 1])
+    noise = np.random.default_rng([seed, 1] if noise_seed is None else noise_seed)
     return (
         t_s,
         angles + np.array(arm.zero_rad) + arm.angle_error_rad * noise.standard_normal(angles.shape),
