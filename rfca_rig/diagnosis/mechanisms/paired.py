@@ -52,10 +52,9 @@ def prepare_reference(
         known_to=settings.known_to,
         window_s=settings.window_s,
         bin_s=settings.bin_s,
-        most_windows=settings.most_windows,
     )
     reference = replace(new, experiment=experiment, match=match)
-    return reference.cut_again((settings.window_s,) * len(experiment.runs))
+    return _cut_reference(reference, new, settings.window_s)
 
 
 def choose_common_length(new: PreparedMechanism, reference: PreparedMechanism) -> Pair:
@@ -91,13 +90,21 @@ def _cut_both(pair: Pair, length_s: float) -> tuple[Pair, Fits] | None:
     """Both in windows of this length, with their fits; None where that cannot be simulated."""
     new, reference = pair
     try:
-        cut = (
-            new.cut_again((length_s,) * len(new.experiment.runs)),
-            reference.cut_again((length_s,) * len(reference.experiment.runs)),
-        )
+        new = new.cut_again((length_s,) * len(new.experiment.runs))
+        cut = (new, _cut_reference(reference, new, length_s))
         return cut, _fit_both(cut)
     except (SimulationFailed, BadInput):
         return None
+
+
+def _cut_reference(
+    reference: PreparedMechanism, new: PreparedMechanism, length_s: float
+) -> PreparedMechanism:
+    """The reference in windows of this length. The same share of them is used as of the new
+    recordings, so that those of one command begin at the same times in both.
+    """
+    lengths_s = (length_s,) * len(reference.experiment.runs)
+    return reference.cut_again(lengths_s, new.window_share)
 
 
 def _fit_both(pair: Pair) -> Fits:

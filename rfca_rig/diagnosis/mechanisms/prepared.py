@@ -114,6 +114,8 @@ class PreparedMechanism:
         The recordings, and how their columns map to the model.
     lengths_s
         Length of the windows of each recording.
+    window_share
+        About this share of the windows of each recording is used, evenly spread; all from 1 on.
     """
 
     simulator: MechanismSimulator
@@ -125,6 +127,7 @@ class PreparedMechanism:
     experiment: Experiment
     match: ColumnMatch
     lengths_s: tuple[float, ...]
+    window_share: float
 
     @property
     def windows(self) -> int:
@@ -160,9 +163,18 @@ class PreparedMechanism:
         """
         return np.concatenate([condition.start_std for condition in self.conditions])
 
-    def cut_again(self, lengths_s: Sequence[float]) -> "PreparedMechanism":
+    def cut_again(
+        self, lengths_s: Sequence[float], window_share: float | None = None
+    ) -> "PreparedMechanism":
         """The same recordings in windows of other lengths; effects and nuisance parameters keep
         their ranges.
+
+        Parameters
+        ----------
+        lengths_s
+            Length of the windows of each recording.
+        window_share
+            Which share of them is used, where it is not that of [windows].
 
         Raises
         ------
@@ -171,8 +183,8 @@ class PreparedMechanism:
         SimulationFailed
             Where the nominal model cannot be simulated over such a window.
         """
-        cut, recorded = _cut_and_thin(
-            self.experiment, self.simulator.mechanism, self.match, lengths_s
+        cut, recorded, share = _cut_and_thin(
+            self.experiment, self.simulator.mechanism, self.match, lengths_s, window_share
         )
         if not any(cut):
             raise BadInput(
@@ -193,6 +205,7 @@ class PreparedMechanism:
             conditions=_group_conditions(self.experiment, self.match, corrected),
             recorded_windows=recorded,
             lengths_s=tuple(lengths_s),
+            window_share=share,
         )
 
     def check_effects(self, option: str, names: Collection[str]) -> None:
@@ -217,7 +230,7 @@ def prepare_mechanism(experiment: Experiment, mechanism: Mechanism) -> PreparedM
     mechanism = assign_roles(experiment, mechanism)
     match = match_columns(experiment, mechanism)
     lengths_s = (experiment.window_s,) * len(experiment.runs)
-    cut, recorded = _cut_and_thin(experiment, mechanism, match, lengths_s)
+    cut, recorded, share = _cut_and_thin(experiment, mechanism, match, lengths_s)
     windows = [window for run_windows in cut for window in run_windows]
     if not windows:
         raise BadInput(f"{experiment.path}: {_describe_no_window(experiment)}")
@@ -257,29 +270,42 @@ def prepare_mechanism(experiment: Experiment, mechanism: Mechanism) -> PreparedM
     space = space_of_mechanism(mechanism, experiment.known_to, usual.is_driven, usual.sensors)
     simulator = replace(simulator, step_s=step_s)
     return PreparedMechanism(
-        simulator, space, conditions, usual, torque, recorded, experiment, match, lengths_s
+        simulator=simulator,
+        space=space,
+        conditions=conditions,
+        usual=usual,
+        torque=torque,
+        recorded_windows=recorded,
+        experiment=experiment,
+        match=match,
+        lengths_s=lengths_s,
+        window_share=share,
     )
 
 
 def _cut_and_thin(
-    experiment: Experiment, mechanism: Mechanism, match: ColumnMatch, lengths_s: Sequence[float]
-) -> tuple[list[list[Window]], int]:
-    """The windows of each recording that are used, and how many there are in all; `lengths_s` is
-    that of each recording's windows.
+    experiment: Experiment,
+    mechanism: Mechanism,
+    match: ColumnMatch,
+    lengths_s: Sequence[float],
+    share: float | None = None,
+) -> tuple[list[list[Window]], int, float]:
+    """The windows of each recording that are used, how many there are in all, and the share that is
+    used: that of [windows] where none is given. `lengths_s` is that of each recording's windows.
     """
     cut = list_windows(experiment, mechanism, match, lengths_s)
     recorded = sum(len(run_windows) for run_windows in cut)
     recorded_s = sum(float(window.t_s[-1]) for run_windows in cut for window in run_windows)
-    # About this share of the windows of each run is used, evenly spread; all if it is 1 or more.
-    share = min(
-        experiment.most_windows / max(recorded, 1),
-        experiment.most_windows * LONGEST_MEAN_S / max(recorded_s, 1e-9),
-    )
+    if share is None:
+        share = min(
+            experiment.most_windows / max(recorded, 1),
+            experiment.most_windows * LONGEST_MEAN_S / max(recorded_s, 1e-9),
+        )
     used = []
     for run_windows in cut:
         count = max(1, round(share * len(run_windows)))
         used.append([run_windows[index] for index in spread(len(run_windows), count)])
-    return used, recorded
+    return used, recorded, share
 
 
 def _group_conditions(
