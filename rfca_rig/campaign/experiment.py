@@ -17,7 +17,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.analysis.samples import sample_std, usual_std
 from rfca_rig.campaign.column_faults import find_glitches
 from rfca_rig.campaign.free_bodies import convert_poses, list_free_columns, list_free_signals
 from rfca_rig.campaign.layout import (
@@ -112,13 +111,6 @@ class MechanismRun:
     prescribed: Floats
     glitches: tuple[Glitch, ...] = ()
     noise_factors: Floats | None = None
-
-    def estimate_noise(self) -> Floats:
-        """Standard deviations (s,) of the least noise of each signal, from its samples."""
-        if self.noise_factors is None:
-            return sample_std(self.signals)
-        # At impacts and gaps samples differ by much more, but only in a few of them.
-        return usual_std(self.signals, self.noise_factors)
 
     def take(self, rows: NDArray[np.bool_]) -> "MechanismRun":
         """The recording without the other samples; `rows` (m,)."""

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.diagnose import diagnose
+from rfca_rig.diagnosis.mechanisms.noise import estimate_noise
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.errors import BadInput
 from rfca_rig.mechanism.free_joints import choose_frame
@@ -82,7 +83,7 @@ def test_an_error_of_the_orientation_counts_more_beside_the_singularity(thrown):
     np.testing.assert_allclose(run.noise_factors[:, 3], 1.0 / np.cos(middle))
     np.testing.assert_allclose(run.noise_factors[:, [0, 1, 2, 4]], 1.0)
     # In spite of impacts and of gaps; fast tumbling adds something.
-    noise = run.estimate_noise()
+    noise = estimate_noise(run)
     assert noise[:3] == pytest.approx(brick.POSITION_STD_M, rel=0.3)
     assert (noise[3:] > 0.9 * brick.ANGLE_STD_RAD).all()
     assert (noise[3:] < 1.6 * brick.ANGLE_STD_RAD).all()

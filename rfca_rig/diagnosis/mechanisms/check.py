@@ -28,6 +28,7 @@ from rfca_rig.diagnosis.inference.map_fit import without_scatter
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import laplace_posterior
 from rfca_rig.diagnosis.mechanisms.column_checks import check_columns
+from rfca_rig.diagnosis.mechanisms.noise import estimate_noise
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
 from rfca_rig.diagnosis.mechanisms.prepared import (
     PreparedMechanism,
@@ -107,7 +108,7 @@ def check_signals(
     """A line per signal, and warnings; `ratios` are those of `compare_speeds`."""
     for index, signal in enumerate(described.signals):
         columns = [run.signals[:, index] / signal.factor for run in experiment.runs]
-        noises = np.array([run.estimate_noise()[index] for run in experiment.runs])
+        noises = np.array([estimate_noise(run)[index] for run in experiment.runs])
         noise = rms(noises) / abs(signal.factor)
         step = min((step for column in columns if (step := smallest_step(column))), default=0.0)
         low, high = _range_of(columns)

@@ -22,6 +22,7 @@ from rfca_rig.diagnosis.data import (
     observe,
     start_gain,
 )
+from rfca_rig.diagnosis.mechanisms.noise import estimate_noise
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, shift_plant
 from rfca_rig.diagnosis.simulator import ScatterDirection, Simulator
 from rfca_rig.mechanism.laws import make_tabulated_effect
@@ -375,7 +376,7 @@ def cut_rest_window(
     )
     prescribed = np.mean([_resample(grid_s, run.t_s, run.prescribed) for run in runs], axis=0)
     stated = [signal.noise_std for signal in experiment.signals]
-    estimates = np.mean([run.estimate_noise() for run in runs], axis=0)
+    estimates = np.mean([estimate_noise(run) for run in runs], axis=0)
     noise = np.array([std or of_samples for std, of_samples in zip(stated, estimates, strict=True)])
     t_s = grid_s[1:] - grid_s[0]
     bins = bin_starts(t_s, experiment.bin_s)

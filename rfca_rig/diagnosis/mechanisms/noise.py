@@ -1,0 +1,19 @@
+"""Noise of recorded signals."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.analysis.samples import sample_std, usual_std
+from rfca_rig.campaign.experiment import MechanismRun
+
+Floats = NDArray[np.float64]
+
+
+def estimate_noise(run: MechanismRun) -> Floats:
+    """Standard deviations (s,) of the least noise of each signal of a recording, from its
+    samples.
+    """
+    if run.noise_factors is None:
+        return sample_std(run.signals)
+    # At impacts and gaps samples differ by much more, but only in a few of them.
+    return usual_std(run.signals, run.noise_factors)
