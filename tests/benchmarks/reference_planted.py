@@ -232,20 +232,10 @@ def select(part, experiment):
         run = experiment.runs[number]
         first = round(part.begin * len(run.t_s))
         last = round(part.end * len(run.t_s))
-        runs.append(cut(run, slice(first, last)))
+        numbers = np.arange(len(run.t_s))
+        taken = run.take((first <= numbers) & (numbers < last))
+        runs.append(replace(taken, t_s=taken.t_s - taken.t_s[0]))
     return tuple(runs)
-
-
-def cut(run, rows):
-    """Some rows of a recording as a recording of its own."""
-    t_s = run.t_s[rows]
-    return replace(
-        run,
-        t_s=t_s - t_s[0],
-        signals=run.signals[rows],
-        commands=run.commands[rows],
-        prescribed=run.prescribed[rows],
-    )
 
 
 def answer(seed, number, folder, way):

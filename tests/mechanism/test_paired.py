@@ -34,9 +34,9 @@ def test_a_reference_with_more_recordings_has_windows_at_the_same_times(tmp_path
     new = prepare_mechanism(new_experiment, new_experiment.load_model())
     reference = prepare_reference(new, write(tmp_path / "old", (1, 1, 2, 2)), as_is=False)
     assert new.windows < new.recorded_windows
-    (times, *others) = (*list_starts(new).values(), *list_starts(reference).values())
-    assert len(others) == 5
-    assert all(other == times for other in others)
+    starts = [*list_starts(new).values(), *list_starts(reference).values()]
+    assert len(starts) == 6
+    assert all(times == starts[0] for times in starts)
     rows = reference.dataset.rows
     for part in new.conditions:
         assert len(find_matches(part.rows(), rows, name_signals)) == 2

@@ -679,16 +679,16 @@ def _infer_history(state: SearchState, enough: float, config: SearchConfig) -> S
     for number, fit in zip(near, refined, strict=True):
         fits[number] = fit
     nothing, *others = fits
-    return SearchState(
-        optimizer,
-        scatter,
-        coarse,
-        rows,
-        nominal,
-        nothing,
-        tuple(others),
-        exchanged=state.exchanged,
-        budget=state.budget,
+    return replace(
+        state,
+        optimizer=optimizer,
+        scatter=scatter,
+        coarse=coarse,
+        in_coarse=rows,
+        nominal=nominal,
+        nothing=nothing,
+        fits=tuple(others),
+        converged=frozenset(),
     )
 
 

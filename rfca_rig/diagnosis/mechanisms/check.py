@@ -106,10 +106,10 @@ def check_signals(
     described: ExperimentFile, experiment: Experiment, ratios: Mapping[int, SpeedRatio]
 ) -> Iterator[CheckLine]:
     """A line per signal, and warnings; `ratios` are those of `compare_speeds`."""
+    noises = np.array([estimate_noise(run) for run in experiment.runs])
     for index, signal in enumerate(described.signals):
         columns = [run.signals[:, index] / signal.factor for run in experiment.runs]
-        noises = np.array([estimate_noise(run)[index] for run in experiment.runs])
-        noise = rms(noises) / abs(signal.factor)
+        noise = rms(noises[:, index]) / abs(signal.factor)
         step = min((step for column in columns if (step := smallest_step(column))), default=0.0)
         low, high = _range_of(columns)
         values = {"low": low, "high": high, "noise": signal.noise_std or noise}
@@ -286,9 +286,10 @@ def check_delay(
     """A warning where the torques balance far better with later commands, or earlier ones."""
     if not experiment.actuators or not len(states.position):
         return
+    moments_s = _list_moments(experiment, mechanism)
     misses = []
     for delay_s in DELAYS_S:
-        commands = read_commands(experiment, mechanism, float(delay_s))
+        commands = read_commands(experiment, mechanism, moments_s, float(delay_s))
         balance = balance_torques(mechanism, replace(states, command=commands))
         misses.append(_measure_unexplained(balance, states))
     # Squares are closer to a parabola.
@@ -400,48 +401,56 @@ def estimate_states(experiment: Experiment, mechanism: Mechanism) -> States:
         As `match_columns`.
     """
     match = match_columns(experiment, mechanism)
+    moments_s = _list_moments(experiment, mechanism)
     derivatives: list[list[Floats]] = []
-    for run, moments_s in _list_moments(experiment, mechanism):
+    for run, of_run_s in zip(experiment.runs, moments_s, strict=True):
         recorded = run.signals[:, match.positions]
-        for at_s in moments_s:
+        for at_s in of_run_s:
             local = local_polynomial(run.t_s, recorded, at_s)
             derivatives.append([local.derivative(order) for order in range(3)])
     shape = (len(derivatives), 3, len(mechanism.joints))
     position, speed, acceleration = np.moveaxis(np.array(derivatives).reshape(shape), 1, 0)
-    return States(position, speed, acceleration, read_commands(experiment, mechanism, 0.0))
+    return States(
+        position, speed, acceleration, read_commands(experiment, mechanism, moments_s, 0.0)
+    )
 
 
-def read_commands(experiment: Experiment, mechanism: Mechanism, delay_s: float) -> Floats:
-    """Commands (k, u) of all actuators that act at the moments of `estimate_states`, if they are
-    late by `delay_s`.
+def read_commands(
+    experiment: Experiment, mechanism: Mechanism, moments_s: Sequence[Floats], delay_s: float
+) -> Floats:
+    """Commands (k, u) of all actuators that act at these moments of each recording, k in all, if
+    they are late by `delay_s`.
     """
     match = match_columns(experiment, mechanism)
-    commands: list[list[float]] = []
-    for run, moments_s in _list_moments(experiment, mechanism):
-        commanded = arrange_commands(run, mechanism, match)
-        for at_s in moments_s:
-            commands.append([np.interp(at_s - delay_s, run.t_s, column) for column in commanded.T])
-    return np.array(commands).reshape(len(commands), len(mechanism.actuators))
+    commands = [np.empty((0, len(mechanism.actuators)))]
+    for run, of_run_s in zip(experiment.runs, moments_s, strict=True):
+        acting = np.empty((len(of_run_s), len(mechanism.actuators)))
+        for actuator, column in enumerate(arrange_commands(run, mechanism, match).T):
+            acting[:, actuator] = np.interp(of_run_s - delay_s, run.t_s, column)
+        commands.append(acting)
+    return np.concatenate(commands)
 
 
-def _list_moments(
-    experiment: Experiment, mechanism: Mechanism
-) -> Iterator[tuple[MechanismRun, list[float]]]:
+def _list_moments(experiment: Experiment, mechanism: Mechanism) -> list[Floats]:
     """Moments spread evenly over each recording, none within a gap; none at all unless the
     mechanism `can_balance`.
     """
+    if not can_balance(mechanism):
+        return [np.empty(0) for _ in experiment.runs]
     total_s = sum(float(run.t_s[-1] - run.t_s[0]) for run in experiment.runs)
     apart_s = max(experiment.bin_s, total_s / MOST_STATES)
-    for run in experiment.runs if can_balance(mechanism) else ():
-        moments_s = []
+    moments_s = []
+    for run in experiment.runs:
+        of_run_s = []
         for at_s in np.arange(
             run.t_s[0] + SMOOTHING_HALF_WIDTH_S, run.t_s[-1] - SMOOTHING_HALF_WIDTH_S, apart_s
         ):
             # A local polynomial over a gap would invent the motion there.
             near_s = run.t_s[np.abs(run.t_s - at_s) <= SMOOTHING_HALF_WIDTH_S]
             if near_s.size > 1 and np.diff(near_s).max() <= experiment.bin_s:
-                moments_s.append(float(at_s))
-        yield run, moments_s
+                of_run_s.append(float(at_s))
+        moments_s.append(np.array(of_run_s))
+    return moments_s
 
 
 def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[CheckLine]:

@@ -27,7 +27,7 @@ from rfca_rig.analysis.samples import (
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data import TRANSIENT_SHARE, group_windows, rms
-from rfca_rig.diagnosis.mechanisms.noise import estimate_noise
+from rfca_rig.diagnosis.mechanisms.noise import read_noise
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
 from rfca_rig.diagnosis.mechanisms.windows import (
     CorrectedWindow,
@@ -656,11 +656,7 @@ def cut_windows(
 ) -> list[Window]:
     """Windows of one run without a gap; the effects of errors of their starts are not known yet."""
     bin_s = experiment.bin_s
-    stated = [signal.noise_std for signal in experiment.signals]
-    # Stated noise comes first; otherwise it is estimated from the samples.
-    noise = np.array(
-        [std or estimate for std, estimate in zip(stated, estimate_noise(run), strict=True)]
-    )
+    noise = read_noise(experiment, run)
     read = np.array(sorted(set(range(len(mechanism.joints))) - set(mechanism.prescribed)))
     position = run.signals[:, match.positions[read]]
     position_noise = noise[match.positions[read]]

@@ -20,7 +20,7 @@ from rfca_rig.analysis.samples import (
 )
 from rfca_rig.campaign.experiment import MechanismRun
 from rfca_rig.diagnosis.data import CONDITION_S, Label, Observations, WindowRows, observe
-from rfca_rig.diagnosis.mechanisms.noise import estimate_noise
+from rfca_rig.diagnosis.mechanisms.noise import read_noise
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput
 from rfca_rig.diagnosis.mechanisms.prepared import PreparedMechanism, arrange_commands
 from rfca_rig.diagnosis.mechanisms.windows import SMOOTH_BINS, MechanismSimulator
@@ -191,9 +191,7 @@ def _make_stretch(
     mechanism = prepared.simulator.mechanism
     match = prepared.match
     recorded = run.signals[:, match.positions]
-    stated = [signal.noise_std for signal in prepared.experiment.signals]
-    estimates = estimate_noise(run)
-    noise = np.array([std or of_samples for std, of_samples in zip(stated, estimates, strict=True)])
+    noise = read_noise(prepared.experiment, run)
     step_s = bin_s / STATES_OF_BIN
     moments_s = start_s + step_s * (0.5 + np.arange(bins * STATES_OF_BIN))
     derivatives = []
