@@ -1,8 +1,10 @@
 """What the model lacks in the reference already, as a part of the model of both recordings.
 
-Where a motion has no match in the reference, the model's error does not cancel. As far as effects
-explain it in the reference, it is no error any more: their sizes become nuisance parameters, which
-the reference knows and the recordings share.
+The model's error cancels where motions match, but only as far as the error of the change is small:
+a heavier arm moves otherwise with friction than without, and a fit without friction makes the arm
+heavier than it is. Where a motion has no match, nothing cancels. As far as effects explain the
+error in the reference, it is no error any more: their sizes become nuisance parameters, which the
+reference knows and the recordings share.
 """
 
 from collections.abc import Collection
@@ -37,6 +39,16 @@ def has_matches(pair: RecordingPair) -> bool:
         if find_matches(part.rows(), pair.reference.rows, pair.name_commands):
             matched += 1
     return matched >= FEWEST_CONDITIONS
+
+
+def predicts_as_usual(pair: RecordingPair, progress: Progress) -> bool:
+    """Whether the model without effects predicts the reference as models usually do, with plausible
+    values.
+
+    Raises SimulationFailed where the nominal model cannot be simulated.
+    """
+    found = search_models(pair.reference, Parameterization(pair.space), [], progress, pair.config)
+    return decide(found).within_usual
 
 
 def find_omission(

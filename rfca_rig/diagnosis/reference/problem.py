@@ -28,7 +28,12 @@ from rfca_rig.diagnosis.reference.conditions import (
     compare_pair,
 )
 from rfca_rig.diagnosis.reference.fit import ReferenceFit, fit_reference
-from rfca_rig.diagnosis.reference.omissions import add_omission, find_omission, has_matches
+from rfca_rig.diagnosis.reference.omissions import (
+    add_omission,
+    find_omission,
+    has_matches,
+    predicts_as_usual,
+)
 from rfca_rig.diagnosis.reference.shared import find_shared_effects
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.result import SHARED_ERROR, Diagnosed, Diagnosis, name_parts
@@ -284,7 +289,7 @@ class ReferenceProblem(Problem):
 
         is_matched = has_matches(pair)
         omission = None
-        if not is_matched:
+        if not is_matched or not predicts_as_usual(pair, progress_of_reference):
             omission = find_omission(pair, of_rig, progress_of_reference)
         plain = pair
         if omission is not None:

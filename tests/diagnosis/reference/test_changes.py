@@ -180,6 +180,22 @@ def test_a_change_shows_in_other_motions_beside_what_the_model_lacks(rubbing_ref
     assert effect.parameters["mass_kg"].value == pytest.approx(0.1, rel=0.1)
 
 
+def test_what_the_model_lacks_is_part_of_it_where_commands_are_the_same_too(rubbing_reference):
+    """Beside a model without friction the change would have twice its size."""
+    solution = decided(record(SHAKEN, lambda v: 2.0 * rub(v), seed=2), rubbing_reference)
+    assert solution.omission == ("coulomb",)
+    (effect,) = solution.finding.decision.effects
+    assert effect.id == "coulomb"
+    assert effect.parameters["friction_N"].value == pytest.approx(FRICTION_N, rel=0.1)
+
+
+def test_nothing_is_looked_for_where_the_model_predicts_the_reference_as_usual(monkeypatch):
+    monkeypatch.setattr(problem, "find_omission", Mock(side_effect=AssertionError))
+    usual = record(SHAKEN, lambda _: 0.0, repeats=2, seed=1)
+    solution = decided(record(SHAKEN, lambda _: 0.0, seed=2), usual)
+    assert solution.finding.decision.grade == "nothing missing"
+
+
 @pytest.mark.parametrize(("share", "is_withheld"), [(0.1, False), (0.4, True)])
 def test_an_effect_is_withheld_where_the_reference_asks_for_half_of_what_it_does(
     monkeypatch, share, is_withheld
