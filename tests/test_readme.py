@@ -120,6 +120,12 @@ def test_the_whole_job_ends_in_a_report_and_the_snippet_reads_its_recording(
         job.diagnosed.out.splitlines()[:2]
         == re.search(r"```text\n(IDENTIFIED.*?)\nmotor", README, re.DOTALL)[1].splitlines()
     )
+    proof = r"left out in turn, shaft as commanded: fz (\S+) -> (\S+) N \(noise and scatter (\S+)\)"
+    shown = re.search(proof, " ".join(README.split())).groups()
+    said = re.search(proof, " ".join(job.diagnosed.out.split())).groups()
+    before, after, floor = map(float, said)
+    assert (before, after, floor) == pytest.approx(tuple(map(float, shown)), rel=0.1)
+    assert after < 0.03 * before
     (effect,) = json.loads(Path("diagnosis", "diagnosis.json").read_text())["effects"]
     assert effect["id"] == "motor_speed_droop"
     assert (
@@ -130,6 +136,11 @@ def test_the_whole_job_ends_in_a_report_and_the_snippet_reads_its_recording(
         found = effect["parameters"][name]
         assert found["value"] == pytest.approx(true, rel=0.06)
         assert abs(found["value"] - true) < 1.645 * found["std"] < 0.1 * true
+    # The command that the diagnosis ends with, as it is printed.
+    compare = re.search(r"new model: rfca-rig (.*)", job.diagnosed.err)[1].split()
+    compared = typed(monkeypatch, capsys, *compare).err
+    errors = re.search(r"valley (\S+) % in time, (\S+) % in force, shaft as commanded", compared)
+    assert float(errors[1]) <= 0.1 and float(errors[2]) <= 0.5
     names: dict[str, object] = {}
     exec(snippet(README), names)
     assert len(names["fz"]) > 10_000 and len(names["predicted"]["fz_N"]) > 1000

@@ -202,7 +202,8 @@ class SignalOverlay:
     all (m,).
 
     `starts_s` are the times where windows start from the measured state. `phase` (m,) names the
-    phase of each row, (0,) where unknown. `parts` are the conditions that it shows.
+    phase of each row, (0,) where unknown. `parts` are the conditions that it shows. `floor` (m,)
+    is what noise and scatter leave of the measured means, (0,) where unknown.
     """
 
     condition: str
@@ -214,6 +215,60 @@ class SignalOverlay:
     starts_s: Floats = field(default_factory=lambda: np.empty(0))
     phase: NDArray[np.str_] = field(default_factory=lambda: np.empty(0, dtype=np.str_))
     parts: tuple[str, ...] = ()
+    floor: Floats = field(default_factory=lambda: np.empty(0))
+
+
+@dataclass(frozen=True)
+class ForceMinimum:
+    """Time and size of the minimum of fz."""
+
+    time_s: float
+    fz_N: float
+
+
+@dataclass(frozen=True)
+class LeftOutValley:
+    """The force minimum of a condition, as in a row of Table II: measured, and by both models."""
+
+    measured: ForceMinimum
+    before: ForceMinimum
+    after: ForceMinimum
+
+    @property
+    def time_error_pct(self) -> BeforeAfter:
+        """Error of the time, in percent of the measured one."""
+        return BeforeAfter(
+            100.0 * abs(self.before.time_s / self.measured.time_s - 1.0),
+            100.0 * abs(self.after.time_s / self.measured.time_s - 1.0),
+        )
+
+    @property
+    def force_error_pct(self) -> BeforeAfter:
+        """Error of the force, in percent of the measured one."""
+        return BeforeAfter(
+            100.0 * abs(self.before.fz_N / self.measured.fz_N - 1.0),
+            100.0 * abs(self.after.fz_N / self.measured.fz_N - 1.0),
+        )
+
+
+@dataclass(frozen=True)
+class LeftOutCondition:
+    """A condition that was left out, at the commanded motion of the shaft.
+
+    Parameters
+    ----------
+    condition
+        Its name.
+    overlays
+        Its signals, with the nominal model, and with the accepted one whose values come from the
+        other conditions.
+    valley
+        Its force minimum; None where it has none in one of the three.
+    """
+
+    condition: str
+    overlays: tuple[SignalOverlay, ...]
+    valley: LeftOutValley | None
 
 
 @dataclass(frozen=True)
@@ -256,6 +311,8 @@ class Diagnosis:
         Their units, where their names do not carry them; "" for a ratio.
     nuisance_keys
         The keys of [known_to] that state their priors, of a leg.
+    left_out
+        Conditions that were left out, at the commanded motion, of a leg.
     settings
         What the answer rests on: model error, scatter, priors.
     """
@@ -294,6 +351,7 @@ class Diagnosis:
     priors: Mapping[str, Value] = field(default_factory=dict)
     nuisance_units: Mapping[str, str] = field(default_factory=dict)
     nuisance_keys: Mapping[str, str] = field(default_factory=dict)
+    left_out: tuple[LeftOutCondition, ...] = ()
 
     @property
     def is_since_reference(self) -> bool:

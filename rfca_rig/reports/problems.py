@@ -17,11 +17,18 @@ from rfca_rig.diagnosis.mechanisms.fit import compare_mechanism
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.diagnosis.problem import Problem, Row, refuse_leg_options
 from rfca_rig.diagnosis.reference.problem import ReferenceProblem
+from rfca_rig.model.catalogue import catalogue
 from rfca_rig.progress import ignore_share
 from rfca_rig.reports.provenance import Origin, command_line, origin_of, origin_of_import
 from rfca_rig.reports.strokes.motions import JSON, PAGE, mechanism_report, write_motions
 from rfca_rig.reports.strokes.page import GivenModel, write_report
 from rfca_rig.reports.text import count_noun
+
+SHAFT_IN_SHORT = {
+    "average": "at its average speed",
+    "commanded": "as commanded",
+    "recorded": "as recorded",
+}
 
 
 @dataclass(frozen=True)
@@ -31,14 +38,15 @@ class ComparisonOptions:
     Parameters
     ----------
     shaft
-        How the simulated shaft of a leg turns.
+        How the simulated shaft of a leg turns; None for the average speed of the strokes, or as
+        commanded where the model has an effect of the drive.
     model
         A model file in place of the nominal model.
     as_is
         Values that are probably in another unit were taken.
     """
 
-    shaft: Shaft = "average"
+    shaft: Shaft | None = None
     model: Path | None = None
     as_is: bool = False
 
@@ -130,23 +138,34 @@ def _(
     model = options.model
     given = GivenModel(model.name, read_model_file(model).model()) if model else None
     typed: dict[str, object] = {
-        "--shaft": options.shaft if options.shaft != "average" else None,
+        "--shaft": options.shaft,
         "--model": model,
         "--as-is": options.as_is,
     }
     recordings = problem.recordings_of_leg
     command = command_line("report", *problem.paths, options=typed)
+    shaft = options.shaft or _choose_shaft(given)
     written = write_report(
         recordings,
         out,
-        options.shaft,
+        shaft,
         given,
         origin_of(command, problem.paths, recordings),
         lambda done, of: progress("conditions", done / of),
     )
-    lines = _describe_pages(written.table, out, len(recordings))
+    lines = _describe_pages(written.table, out, len(recordings), shaft)
     rows = _list_valleys(written.table)
     return WrittenComparison(tuple(written.pages), out / "table2.json", lines, rows)
+
+
+def _choose_shaft(given: GivenModel | None) -> Shaft:
+    """At its average recorded speed, as the paper does. Where the model has an effect of the drive,
+    as commanded: the recorded motion has that effect already.
+    """
+    if given is None:
+        return "average"
+    places = [catalogue()[present.id].where for present in given.rig.effects]
+    return "commanded" if "drive" in places else "average"
 
 
 def _list_valleys(table: Table2) -> tuple[Row, ...]:
@@ -167,7 +186,7 @@ def _list_valleys(table: Table2) -> tuple[Row, ...]:
     )
 
 
-def _describe_pages(table: Table2, out: Path, runs: int) -> tuple[str, ...]:
+def _describe_pages(table: Table2, out: Path, runs: int, shaft: Shaft) -> tuple[str, ...]:
     """The pages, the most informative one first."""
     lines: list[str] = []
     if table.rows:
@@ -177,7 +196,7 @@ def _describe_pages(table: Table2, out: Path, runs: int) -> tuple[str, ...]:
             averages = (
                 f"{len(table.rows)} conditions, average error of the valley "
                 f"{table.average_time_error_pct:.1f} % in time, "
-                f"{table.average_force_error_pct:.1f} % in force"
+                f"{table.average_force_error_pct:.1f} % in force, shaft {SHAFT_IN_SHORT[shaft]}"
             )
         lines.append(f"{out / 'report.html'}: {averages}")
     if runs == 1:
@@ -194,7 +213,7 @@ def _(
     options: ComparisonOptions,
     progress: Progress = ignore_share,
 ) -> WrittenComparison:
-    refuse_leg_options({"--shaft": options.shaft != "average", "--as-is": options.as_is})
+    refuse_leg_options({"--shaft": options.shaft is not None, "--as-is": options.as_is})
     comparison = compare_mechanism(problem.experiment, progress)
     folder = problem.experiment.path.parent
     command = command_line("report", folder, options={"--model": options.model})

@@ -85,13 +85,14 @@ class Origin:
     """Origin of a page.
 
     `command` is the command line, "" where no command made the page. `again` states what it
-    reproduces, by default the same bytes.
+    reproduces, by default the same bytes. `paths` are those of the recordings, as they were typed.
     """
 
     command: str = ""
     recordings: tuple["RecordingSource", ...] = ()
     version: str = __version__
     again: str = "to the same bytes"
+    paths: tuple[Path, ...] = ()
 
     @property
     def facts(self) -> list[tuple[str, str]]:
@@ -209,7 +210,7 @@ def origin_of(command: str, paths: Sequence[Path], recordings: Sequence[Recordin
         for path, recording in zip(paths, recordings, strict=False)
     )
     later = tuple(recording_source(recording) for recording in recordings[len(paths) :])
-    return Origin(command, (*sources, *later), version_text())
+    return Origin(command, (*sources, *later), version_text(), paths=tuple(paths))
 
 
 def origin_of_import(command: str, path: Path, title: str, about: AboutSection) -> Origin:

@@ -13,6 +13,7 @@ from rfca_rig.diagnosis.config import IDENTIFIED_PROBABILITY
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Rival, describe_probability
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.declarations.changes import VALUE_OF_CHANGE
+from rfca_rig.reports.diagnosis.left_out import measure_misfits
 
 NAMED_GRADES = ("identified", "mostly")
 STATED_GRADES = (*NAMED_GRADES, "family")
@@ -53,6 +54,7 @@ def list_contradictions(diagnosis: Diagnosis) -> list[str]:
         _check_stated_set,
         _check_exclusions,
         _check_held_out,
+        _check_left_out,
         _check_probability,
         _check_sentence,
         _check_nuisances,
@@ -223,6 +225,33 @@ def _check_held_out(diagnosis: Diagnosis) -> Iterator[str]:
             f"{_describe_statement(diagnosis)} is stated, but the held-out rms of all signals rises"
             f" from {before:.3g} to {after:.3g} noise floors: {_join(signals)}."
         )
+
+
+def _check_left_out(diagnosis: Diagnosis) -> Iterator[str]:
+    """With what is stated, left-out conditions are missed by no more at the commanded motion, and
+    the errors of their valleys are the averages that are stated.
+    """
+    misfits = measure_misfits(diagnosis.left_out)
+    if diagnosis.grade in STATED_GRADES and misfits:
+        before = _root_mean_square(
+            [misfit.before / _unit_of(misfit) for misfit in misfits.values()]
+        )
+        after = _root_mean_square([misfit.after / _unit_of(misfit) for misfit in misfits.values()])
+        if not after <= (1.0 + MAX_RISE) * before:
+            yield (
+                f"{_describe_statement(diagnosis)} is stated, but left-out conditions are missed by"
+                f" {after:.3g} instead of {before:.3g} noise floors."
+            )
+    valleys = [condition.valley for condition in diagnosis.left_out if condition.valley is not None]
+    for name, errors in (
+        ("valley_time_error_pct", [valley.time_error_pct for valley in valleys]),
+        ("valley_force_error_pct", [valley.force_error_pct for valley in valleys]),
+    ):
+        stated = diagnosis.valley.get(name)
+        if errors and stated is not None:
+            average = sum(error.after for error in errors) / len(errors)
+            if not math.isclose(stated.after, average, rel_tol=1e-6):
+                yield f"{name} is {stated.after:.6g}, but its rows have {average:.6g} on average."
 
 
 def _check_probability(diagnosis: Diagnosis) -> Iterator[str]:

@@ -4,6 +4,7 @@ import pickle
 import re
 from dataclasses import replace
 from html import unescape
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,9 @@ from rfca_rig.diagnosis.result import (
     BeforeAfter,
     Criterion,
     Diagnosis,
+    ForceMinimum,
+    LeftOutCondition,
+    LeftOutValley,
     Located,
     MapCell,
     MovedPrior,
@@ -27,7 +31,11 @@ from rfca_rig.diagnosis.result import (
 from rfca_rig.errors import RigError
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.reports.diagnosis.files import MOST_LINES, WIDTH, terminal_lines, write_diagnosis
-from rfca_rig.reports.diagnosis.opening import GRADE_WORDS, GRADE_WORDS_SINCE_REFERENCE
+from rfca_rig.reports.diagnosis.opening import (
+    GRADE_WORDS,
+    GRADE_WORDS_SINCE_REFERENCE,
+    name_comparison,
+)
 from rfca_rig.reports.diagnosis.page import page
 from rfca_rig.reports.diagnosis.pictures import RESIDUAL_IN, draw_forest, draw_residual, pictures_of
 from rfca_rig.reports.diagnosis.residual_map import EDGES, band, condition_grid, maps_of
@@ -580,11 +588,18 @@ def test_the_same_diagnosis_gives_the_same_bytes(tmp_path, drawn):
     files = sorted(file.name for file in (tmp_path / "one").iterdir())
     tables = [
         f"{name}.{kind}"
-        for name in ("before-after", "believed", "parameters", "ruled-out")
+        for name in ("before-after", "believed", "left-out", "parameters", "ruled-out")
         for kind in ("csv", "tex")
     ]
     plain = [
-        f"{name}.csv" for name in ("acceptance-tests", "hypotheses", "residual-map", "signals")
+        f"{name}.csv"
+        for name in (
+            "acceptance-tests",
+            "hypotheses",
+            "left-out-signals",
+            "residual-map",
+            "signals",
+        )
     ]
     assert files == sorted([*tables, *plain, "diagnosis.html", "diagnosis.json"])
     for name in files:
@@ -866,10 +881,81 @@ def test_a_family_is_given_with_its_members_and_a_place_with_its_probability():
 def test_the_first_screen_has_verdict_next_step_and_the_located_residual(named_page):
     opening = named_page.partition("<main>")[0]
     text = read(opening + "</body>")
-    assert "What to do next. Add the effect to your model" in text
+    assert "What to do next. Use the model file beside this page, which has the effect" in text
     assert "It shows in fz, loading: 3.08 N rms, 11 times" in text
     assert "With the effect, the signal's misfit falls from 3.2 to 0.31 N rms" in text
     assert opening.count('role="img"') == 1 and "residual of fz (N)" in text
+
+
+LEFT_OUT_S = np.linspace(-0.1, 1.1, 61)
+LEFT_OUT_N = -50.0 * np.exp(-(((LEFT_OUT_S - 1.0) / 0.3) ** 2))
+
+
+def left_out_condition(condition, before, after, valley=None):
+    """fz that the nominal model misses by `before`, and the accepted one by `after`, all along."""
+    overlay = SignalOverlay(
+        condition,
+        "fz_N",
+        LEFT_OUT_S,
+        LEFT_OUT_N,
+        LEFT_OUT_N - before,
+        LEFT_OUT_N - after,
+        floor=np.full(61, 0.05),
+    )
+    return LeftOutCondition(condition, (overlay,), valley)
+
+
+ROW = LeftOutValley(
+    ForceMinimum(1.0, -50.0), ForceMinimum(1.04, -51.0), ForceMinimum(1.0031, -50.1)
+)
+OF_LEG = replace(
+    NAMED,
+    left_out=(
+        left_out_condition(CONDITIONS[0], 3.0, 0.06, ROW),
+        left_out_condition(CONDITIONS[1], 5.0, 0.08),
+    ),
+    valley={
+        "valley_time_error_pct": BeforeAfter(4.0, 0.31),
+        "valley_force_error_pct": BeforeAfter(2.0, 0.2),
+    },
+)
+
+
+def test_the_first_screen_of_a_leg_shows_conditions_that_were_left_out():
+    context = PageContext(Origin(paths=(Path("runs/a"), Path("runs/b c"))))
+    opening = page(OF_LEG, context).partition("<main>")[0]
+    text = read(opening + "</body>")
+    # The condition that the nominal model misses most.
+    assert f"{CONDITIONS[1]}, left out: fz misses by 5.0 N rms before, by 0.080 N after" in text
+    assert "fz is missed by 4.1 N rms before and by 0.071 N after" in text
+    assert f"{CONDITIONS[0]} 4.0 \u2192 0.31 2.0 \u2192 0.20 3.0 \u2192 0.060" in text
+    assert f"{CONDITIONS[1]} \u2013 \u2013 5.0 \u2192 0.080" in text
+    assert "rfca-rig report runs/a 'runs/b c' --model model.toml --out report-after" in text
+    assert opening.count('role="img"') == 1
+
+
+def test_page_terminal_and_files_state_the_same_improvement(tmp_path):
+    write_diagnosis(OF_LEG, tmp_path)
+    said = " ".join(" ".join(terminal_lines(OF_LEG)).split())
+    assert "fz 4.1 -> 0.071 N (noise and scatter 0.050)" in said
+    assert "valley 4.0 -> 0.31 % in time, 2.0 -> 0.20 % in force" in said
+    rows = list(csv.DictReader((tmp_path / "left-out.csv").open(encoding="utf-8")))
+    assert [row["condition"] for row in rows] == list(CONDITIONS[:2])
+    assert float(rows[1]["fz_after_N"]) == pytest.approx(0.08)
+    stated = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))["left_out"]
+    assert stated[0]["rms_fz_N"] == {"before": 3.0, "after": 0.06, "noise_floor": 0.05}
+    assert stated[0]["valley"]["after"] == {"time_s": 1.0031, "fz_N": -50.1}
+    assert stated[1]["valley"] is None
+    curves = list(csv.DictReader((tmp_path / "left-out-signals.csv").open(encoding="utf-8")))
+    assert len(curves) == 122 and float(curves[0]["floor"]) == 0.05
+
+
+def test_no_command_compares_with_a_model_that_has_nothing_new():
+    recordings = (Path("runs/a"),)
+    assert name_comparison(OF_LEG, recordings, Path("model.toml"))
+    assert not name_comparison(replace(OF_LEG, effects=()), recordings, Path("model.toml"))
+    assert not name_comparison(NAMED, recordings, Path("model.toml"))
+    assert not name_comparison(OF_LEG, (), Path("model.toml"))
 
 
 def test_the_located_phase_is_shaded_and_its_rms_stated():

@@ -8,8 +8,9 @@ import pytest
 
 from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import RigError
-from rfca_rig.model.parameters import TorqueSpline
+from rfca_rig.model.parameters import PresentEffect, TorqueSpline
 from rfca_rig.model.stroke import simulate_stroke_at_speed
+from rfca_rig.reports.problems import _choose_shaft
 from rfca_rig.reports.provenance import Origin, RecordingSource
 from rfca_rig.reports.strokes.page import GivenModel, write_report
 from tests.analysis import traces
@@ -323,6 +324,21 @@ def test_a_given_model_takes_the_place_of_the_believed_one(tmp_path):
     assert table(folder)["average"]["force_error_pct"] > 5.0
     text = Outline((folder / "report.html").read_text()).text
     assert "The model in slippery.toml, given for this report" in text
+
+
+@pytest.mark.parametrize(
+    ("effect", "shaft"),
+    [
+        (PresentEffect("motor_speed_droop", ()), "commanded"),
+        (PresentEffect("tip_mass", ()), "average"),
+        (None, "average"),
+    ],
+)
+def test_a_drive_in_the_given_model_makes_its_own_motion(effect, shaft):
+    effects = () if effect is None else (effect,)
+    rig = replace(nominal_model(BELIEVED), effects=effects)
+    assert _choose_shaft(GivenModel("model.toml", rig)) == shaft
+    assert _choose_shaft(None) == "average"
 
 
 @pytest.mark.parametrize("shaft", ["commanded", "average", "recorded"])

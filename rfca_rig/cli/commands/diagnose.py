@@ -325,7 +325,7 @@ def diagnose(
             problem,
             replace(asked, command=command),
         )
-    _say(diagnosis, out, as_json)
+    _say(diagnosis, paths, out, as_json)
     printing.print([out / "diagnosis.html"], as_json)
 
 
@@ -385,10 +385,12 @@ def diagnose_quietly(
     return None
 
 
-def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
+def _say(diagnosis: "Diagnosis", paths: Sequence[Path], out: Path, as_json: bool) -> None:
     """Prints the result in the terminal."""
     from rfca_rig.diagnosis.experiment_design.leg_experiment import NEXT_PROTOCOL
+    from rfca_rig.diagnosis.leg.problem import MODEL
     from rfca_rig.reports.diagnosis.files import terminal_lines
+    from rfca_rig.reports.diagnosis.opening import name_comparison
 
     if as_json:
         echo(json_text((out / "diagnosis.json").read_text(encoding="utf-8")), nl=False)
@@ -396,6 +398,8 @@ def _say(diagnosis: "Diagnosis", out: Path, as_json: bool) -> None:
     for line in terminal_lines(diagnosis):
         echo(line)
     echo(f"{out / 'diagnosis.html'}: the whole answer", err=True)
+    if command := name_comparison(diagnosis, paths, out / MODEL):
+        echo(f"the recordings beside the new model: {command}", err=True)
     # The command for the proposed experiment, where the rig can do it.
     proposal = diagnosis.next_experiment
     if (

@@ -43,16 +43,17 @@ def report(
         ),
     ] = Path("report"),
     shaft: Annotated[
-        ShaftOption,
+        ShaftOption | None,
         typer.Option(
             "--shaft",
             metavar="HOW",
             help=(
                 "Motion of the shaft to simulate with: average (the mean measured speed, as "
-                "in the paper), commanded, recorded."
+                "in the paper; the default), commanded (the default where --model has an effect "
+                "of the drive), recorded."
             ),
         ),
-    ] = ShaftOption.average,
+    ] = None,
     model: Model = None,
     as_is: AsIs = False,
     allow_outside: AllowOutside = False,
@@ -71,7 +72,7 @@ def report(
     """
     from rfca_rig.reports.problems import ComparisonOptions
 
-    options = ComparisonOptions(shaft.value, model, as_is)
+    options = ComparisonOptions(shaft.value if shaft else None, model, as_is)
     write(paths, out, options, as_json, quiet=as_json, pdf=pdf, allow_outside=allow_outside)
 
 

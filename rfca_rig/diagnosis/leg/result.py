@@ -8,21 +8,18 @@ from typing import TypeVar
 
 import numpy as np
 
-from rfca_rig.analysis.fitting.parameters import ModelPoint
-from rfca_rig.analysis.matched_simulation import DURATION_FACTOR, GRID_S
-from rfca_rig.analysis.phases import Undetermined, Valley, find_valley
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
 from rfca_rig.diagnosis.decision.decide import Decision, join_decisions
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
-from rfca_rig.diagnosis.leg.findings import LegFindings
+from rfca_rig.diagnosis.leg.findings import LegFindings, add_drive
+from rfca_rig.diagnosis.leg.left_out import predict_left_out
 from rfca_rig.diagnosis.leg.prepared import PreparedLeg
 from rfca_rig.diagnosis.leg.shaft_observations import estimate_delay_s, turns_as_commanded
 from rfca_rig.diagnosis.leg.simulator import COMMAND_DELAY
-from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, DynamicCondition
 from rfca_rig.diagnosis.problem import DecidedSearch
 from rfca_rig.diagnosis.residual_force.free_form import estimate_free_force, state_place
 from rfca_rig.diagnosis.residual_force.mismatch_map import locate_mismatch, lone_channel
-from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, StatedPlace
+from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, LeftOutCondition, StatedPlace
 from rfca_rig.diagnosis.result_builder import (
     build_result,
     list_moved_priors,
@@ -35,7 +32,6 @@ from rfca_rig.diagnosis.result_builder import (
     present_effects,
 )
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.stroke import simulate_stroke
 
 T = TypeVar("T")
 
@@ -59,18 +55,12 @@ def build_leg_result(prepared: PreparedLeg, findings: LegFindings) -> Diagnosis:
     if enough and findings.shaft is not None:
         result = _with_shaft(result, decision, findings.forces, findings.shaft)
     place, free_text = _locate_free_force(decision, findings.forces)
-    after = replace(
-        decision.explanation.fitted.coordinates.supposed(
-            decision.explanation.marginal.posterior.mean
-        ),
-        rig=result.found_rig,
-    )
-    has_drive = any(effect.id not in decision.explanation.ids for effect in result.found_effects)
+    # Held-out prediction needs at least three conditions, too.
+    left_out = predict_left_out(prepared, findings) if enough else ()
     return replace(
         result,
-        valley=valley_errors(
-            prepared.flaps, search.nominal.coordinates.supposed(search.nominal.x), after, has_drive
-        ),
+        left_out=left_out,
+        valley=average_valley_errors(left_out),
         unexplained=(*result.unexplained, *free_text),
         remarks=(
             *result.remarks,
@@ -105,15 +95,6 @@ def _with_shaft(
         effects = present_effects(shaft.decision.explanation)
     else:
         effects = ()
-    rig = result.found_rig
-    if effects:
-        # The search for the drive also chose how a compliant drive starts, so its whole drive is
-        # taken over.
-        rig = replace(
-            rig,
-            drive=search.nominal.coordinates.space.centre.rig.drive,
-            effects=(*rig.effects, *effects),
-        )
     is_left = (
         any(finding.decision.grade == "unexplained" for finding in (forces, shaft))
         and decision.grade != "unexplained"
@@ -125,7 +106,7 @@ def _with_shaft(
         located=(*places, *result.located),
         overlays=(*result.overlays, *make_overlays(search, shaft.decision.explanation, DYNAMIC)),
         found_effects=(*result.found_effects, *effects),
-        found_rig=rig,
+        found_rig=add_drive(result.found_rig, shaft, effects),
     )
 
 
@@ -216,69 +197,21 @@ def _describe_delay(prepared: PreparedLeg, shaft: DecidedSearch | None) -> tuple
     return ()
 
 
-def valley_errors(
-    flaps: Sequence[DynamicCondition], nominal: ModelPoint, after: ModelPoint, drive_found: bool
-) -> Mapping[str, BeforeAfter]:
-    """Mean error of the valley in time and force, in percent, as in Table II of the paper.
-
-    The nominal shaft moves as commanded. If a drive effect was found, the accepted model simulates
-    the motion of the shaft itself. Otherwise it follows the turn of each condition.
+def average_valley_errors(left_out: Sequence[LeftOutCondition]) -> Mapping[str, BeforeAfter]:
+    """Mean error of the valley in time and force over all conditions, in percent, as in Table II of
+    the paper.
     """
-    valleys = [
-        (flap.valley, _valley(flap, nominal, True), _valley(flap, after, drive_found))
-        for flap in flaps
-        if not isinstance(flap.valley, Undetermined)
-    ]
-    complete = [
-        (m, b, a)
-        for m, b, a in valleys
-        if isinstance(m, Valley) and isinstance(b, Valley) and isinstance(a, Valley)
-    ]
-    if not complete:
+    valleys = [condition.valley for condition in left_out if condition.valley is not None]
+    if not valleys:
         return {}
     return {
-        "valley_time_error_pct": BeforeAfter(
-            _error([(b.time_s, m.time_s) for m, b, _ in complete]),
-            _error([(a.time_s, m.time_s) for m, _, a in complete]),
-        ),
-        "valley_force_error_pct": BeforeAfter(
-            _error([(b.fz_N, m.fz_N) for m, b, _ in complete]),
-            _error([(a.fz_N, m.fz_N) for m, _, a in complete]),
-        ),
+        "valley_time_error_pct": _average([valley.time_error_pct for valley in valleys]),
+        "valley_force_error_pct": _average([valley.force_error_pct for valley in valleys]),
     }
 
 
-def _valley(flap: DynamicCondition, supposed: ModelPoint, commanded: bool) -> Valley | Undetermined:
-    t_s = GRID_S * np.arange(
-        0, int(DURATION_FACTOR * flap.phases.valley_s / GRID_S), dtype=np.float64
-    )
-    if commanded:
-        turn = replace(flap.turn, recorded=None)
-    else:
-        turn = flap.turn
-    if supposed.rig.effects and commanded:
-        turn = replace(turn, start_rad=None)  # a drive at fault leaves its start by itself
-    try:
-        motion = turn.motion(supposed, float(t_s[-1]))
-        known = t_s <= motion.breaks_s[-1]  # a recorded turn says nothing of the time after it
-        stroke = simulate_stroke(
-            supposed.rig,
-            flap.height_m + supposed.height_offset_m,
-            motion,
-            t_s[known],
-            STROKE_TOLERANCE,
-            flap.strokes_before,
-        )
-    except SimulationFailed as error:
-        # Without an answer of the model there is no valley to compare; the condition does not
-        # count.
-        return Undetermined(str(error))
-    return find_valley(stroke.t_s, stroke.fz_N)
-
-
-def _error(pairs: Sequence[tuple[float, float]]) -> float:
-    return float(
-        np.mean(
-            [100.0 * abs(simulated - measured) / abs(measured) for simulated, measured in pairs]
-        )
+def _average(errors: Sequence[BeforeAfter]) -> BeforeAfter:
+    return BeforeAfter(
+        float(np.mean([error.before for error in errors])),
+        float(np.mean([error.after for error in errors])),
     )

@@ -20,6 +20,11 @@ from rfca_rig.diagnosis.result import (
     Value,
 )
 from rfca_rig.reports.diagnosis.json_file import as_json
+from rfca_rig.reports.diagnosis.left_out import (
+    describe_left_out,
+    left_out_curves_table,
+    left_out_table,
+)
 from rfca_rig.reports.diagnosis.page import page
 from rfca_rig.reports.diagnosis.tables import (
     SIGMA,
@@ -148,6 +153,11 @@ def _where(place: Located) -> str:
 
 
 def _figures(diagnosis: Diagnosis) -> Iterable[str]:
+    # Where a leg has left-out conditions at the commanded motion, they say what the answer is
+    # worth; along the recorded motion forces fit before an effect of the drive is added.
+    if text := describe_left_out(diagnosis):
+        yield text
+        return
     for name, fit in list(diagnosis.fit.items())[:FIGURES]:
         words, unit = words_and_unit(name)
         held_out = diagnosis.held_out.get(f"held_out_{name}")
@@ -160,11 +170,6 @@ def _figures(diagnosis: Diagnosis) -> Iterable[str]:
         else:
             floor = f" (noise {format_significant(fit.noise_floor, 2)})"
         yield f"{words}: {_change(fit)} {unit}{floor}{held_out_text}"
-    if diagnosis.valley:
-        yield ", ".join(
-            f"{words_and_unit(name)[0]} {_change(misfit)} %"
-            for name, misfit in diagnosis.valley.items()
-        )
 
 
 def _change(figure: BeforeAfter) -> str:
@@ -202,10 +207,12 @@ def write_diagnosis(diagnosis: Diagnosis, out: Path, origin: Origin | None = Non
         nominal_values_table(diagnosis),
         detection_limits_table(diagnosis),
         before_after_table(diagnosis),
+        left_out_table(diagnosis),
     )
     # For programs only: long, or with the same content as a figure.
     plain = (
         signals_table(diagnosis),
+        left_out_curves_table(diagnosis),
         residual_map_table(diagnosis),
         hypotheses_table(diagnosis),
         acceptance_table(diagnosis),

@@ -11,7 +11,16 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
-from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, Located, MapCell, NamedEffect, Value
+from rfca_rig.diagnosis.result import (
+    BeforeAfter,
+    Diagnosis,
+    LeftOutCondition,
+    Located,
+    MapCell,
+    NamedEffect,
+    Value,
+)
+from rfca_rig.reports.diagnosis.left_out import measure_misfits
 from rfca_rig.reports.diagnosis.tables import all_misfits
 
 FORMAT = "rfca-diagnosis/2"
@@ -52,6 +61,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "fit": floored | {name: _before_after(misfit) for name, misfit in diagnosis.valley.items()},
         "unexplained": diagnosis.unexplained,
         "next_experiment": diagnosis.next_experiment,
+        "left_out": [_left_out(condition) for condition in diagnosis.left_out],
         "grade": diagnosis.grade,
         "statement": {
             "probability": diagnosis.probability,
@@ -88,6 +98,19 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         "support": diagnosis.support,
         "measured_law": _law(diagnosis.stated_law),
         "cells": [_cell(cell) for cell in diagnosis.cells],
+    }
+
+
+def _left_out(condition: LeftOutCondition) -> dict[str, Any]:
+    """Misfits by signal of a condition that was left out, and its valley."""
+    misfits = {
+        f"rms_{signal}": _before_after(misfit) | {"noise_floor": misfit.noise_floor}
+        for signal, misfit in measure_misfits([condition]).items()
+    }
+    return {
+        "condition": condition.condition,
+        **misfits,
+        "valley": _as_dict(condition.valley),
     }
 
 

@@ -1,17 +1,29 @@
 """What a reader of diagnosis.html sees first: the verdict with its evidence, what to do next, and
-the residual before and after.
+what the answer is worth: of a leg on conditions that were left out, else the residual before and
+after.
 """
 
+from collections.abc import Mapping, Sequence
 from math import isfinite
+from pathlib import Path
 
 from markupsafe import Markup
 
 from rfca_rig.diagnosis.result import Diagnosis, name_parts
+from rfca_rig.reports.diagnosis.left_out import (
+    choose_shown,
+    describe_misfit,
+    describe_shown,
+    draw_left_out,
+    left_out_table,
+)
 from rfca_rig.reports.diagnosis.pictures import draw_residual
 from rfca_rig.reports.diagnosis.tables import all_misfits, format_probability, with_typography
 from rfca_rig.reports.elements import (
     EMPTY,
+    aside,
     code,
+    csv_links,
     division,
     html,
     join,
@@ -22,8 +34,10 @@ from rfca_rig.reports.elements import (
     paragraph,
     verdict,
 )
-from rfca_rig.reports.provenance import PROGRAM, PageContext
-from rfca_rig.reports.text import format_significant, signal_words
+from rfca_rig.reports.html_table import NUMBER, HtmlCell, HtmlColumn, HtmlFoot, card_table
+from rfca_rig.reports.provenance import PROGRAM, PageContext, command_line
+from rfca_rig.reports.table import Value
+from rfca_rig.reports.text import NOTHING, format_significant, signal_words
 
 # What a grade means, and what its probability is one of.
 GRADE_WORDS = {
@@ -72,15 +86,38 @@ GRADE_WORDS_SINCE_REFERENCE = {
     ),
     "not enough data": ("These recordings do not allow an answer.", ""),
 }
+LINES_OF_RESIDUAL = (
+    legend_line("var(--other)", 1.8, "residual before", "6 3"),
+    legend_line("var(--simulated)", 3.5, "after"),
+)
+LINES_OF_FORCE = (
+    legend_line("var(--measured)", 1.4, "measured"),
+    legend_line("var(--other)", 1.8, "model before", "6 3"),
+    legend_line("var(--simulated)", 3.5, "model after"),
+)
+LEFT_OUT = (
+    HtmlColumn("Left out"),
+    HtmlColumn("Valley, time (%)", NUMBER),
+    HtmlColumn("Valley, force (%)", NUMBER),
+    HtmlColumn("fz, rms (N)", NUMBER),
+)
+CHANGES = (
+    ("time_before_pct", "time_after_pct"),
+    ("force_before_pct", "force_after_pct"),
+    ("fz_before_N", "fz_after_N"),
+)
+LEFT_OUT_FILES = csv_links("left-out.csv", "left-out-signals.csv")
+# The model file of a leg, and the folder for the report of recordings beside it.
+MODEL = "model.toml"
+COMPARED = "report-after"
 UNFINISHED = "Not every effect was tried."
 NEXT_STEPS = {
     "identified": (
-        "Add the effect to your model: the fitted model file beside this page has it. Check "
-        "it on a condition not used here."
+        "Use the model file beside this page, which has the effect. Check it on a condition not "
+        "used here."
     ),
     "mostly": (
-        "Use the fitted model file beside this page as a first correction; what remains is "
-        "listed below."
+        "Use the model file beside this page as a first correction; what remains is listed below."
     ),
     "family": "Do not add a law yet: these data do not tell which one.",
     "nothing missing": "Keep the model. Effects above the detection limits below are excluded.",
@@ -125,26 +162,70 @@ def opening(diagnosis: Diagnosis, context: PageContext) -> Markup:
     next_text = html("<b>What to do next.</b> {}", step)
     if command:
         next_text += html(" {}", code(command))
+    if compares := name_comparison(diagnosis, context.origin.paths, Path(MODEL)):
+        next_text += html(" Recordings beside that model: {}", code(compares))
     next_step = paragraph(next_text, "next")
-    below = division(
-        "opening", division("", next_step, page_links(context.links)), _residual(diagnosis)
+    links = page_links(context.links)
+    shown = choose_shown(diagnosis.left_out)
+    if shown is None:
+        steps = division("", next_step, links)
+        picture = _residual(diagnosis)
+    else:
+        steps = division("", next_step, links, _show_left_out(diagnosis))
+        picture = _figure(draw_left_out(shown), describe_shown(shown), LINES_OF_FORCE)
+    return join("\n", [paragraph(title, "of"), stated, division("opening", steps, picture)])
+
+
+def name_comparison(diagnosis: Diagnosis, recordings: Sequence[Path], model: Path) -> str:
+    """The command that compares recordings of a leg with the model of a diagnosis; "" where that
+    model has nothing new.
+    """
+    has_new_values = diagnosis.effects and diagnosis.left_out
+    if not (recordings and has_new_values):
+        return ""
+    options: dict[str, object] = {"--model": model, "--out": COMPARED}
+    return command_line("report", *recordings, options=options)
+
+
+def _show_left_out(diagnosis: Diagnosis) -> Markup:
+    """Valleys and forces of the left-out conditions, before and after, a row each."""
+    table = left_out_table(diagnosis)
+    rows = [
+        [str(row.values["condition"]), *(_change(row.values, *keys) for keys in CHANGES)]
+        for row in table.rows
+    ]
+    feet = []
+    for foot in table.foot:
+        cells = [HtmlCell(_change(foot.values, *keys), NUMBER) for keys in CHANGES]
+        feet.append(HtmlFoot(foot.words, 1, tuple(cells)))
+    return join(
+        "\n",
+        [
+            card_table("left-out conditions", LEFT_OUT, rows, feet),
+            aside(join(" ", [table.caption, LEFT_OUT_FILES])),
+        ],
     )
-    return join("\n", [paragraph(title, "of"), stated, below])
+
+
+def _change(values: Mapping[str, Value], before: str, after: str) -> str:
+    sizes = [values.get(key) for key in (before, after)]
+    known = [format_significant(size, 2) for size in sizes if isinstance(size, float)]
+    return " \u2192 ".join(known) or NOTHING
 
 
 def _residual(diagnosis: Diagnosis) -> Markup:
     residual = draw_residual(diagnosis)
     if residual is None:
         return EMPTY
-    colours = legend(
-        legend_line("var(--other)", 1.8, "residual before", "6 3"),
-        legend_line("var(--simulated)", 3.5, "after"),
-    )
+    return _figure(residual.panels[0].svg, residual.caption, LINES_OF_RESIDUAL)
+
+
+def _figure(svg: str, caption: str, lines: Sequence[Markup]) -> Markup:
     return html(
         "<figure>\n{}\n{}\n<figcaption>{}</figcaption>\n</figure>",
-        colours,
-        Markup(residual.panels[0].svg),
-        residual.caption,
+        legend(*lines),
+        Markup(svg),
+        caption,
     )
 
 
@@ -161,6 +242,8 @@ def describe_evidence(diagnosis: Diagnosis) -> str:
         f"{format_significant(place.sigmas, 2)} times what noise, scatter and the usual "
         "model error can do"
     )
+    if left_out := describe_misfit(diagnosis):
+        return f"{sentence}. {left_out}"
     misfit = all_misfits(diagnosis).get(f"rms_{place.signal}")
     if misfit is None or not diagnosis.effects or not isfinite(misfit.after):
         return f"{sentence}."
