@@ -51,6 +51,18 @@ def test_the_commands_run_as_written(clone, monkeypatch, capsys):
 
 
 @pytest.mark.slow
+def test_a_concealed_effect_is_found_as_shown(clone, monkeypatch, capsys):
+    # There is no earlier run here.
+    for line in block("riddle").replace("-002", "-001").splitlines():
+        program, *words = shlex.split(line)
+        assert program == "rfca-rig"
+        said = typed(monkeypatch, capsys, *words)
+        assert said.exit_code == 0, line
+    shown = re.search(r"```text\n(concealed: .*?)\n```", README)[1]
+    assert said.out.splitlines()[-1] == shown
+
+
+@pytest.mark.slow
 def test_the_next_five_minutes_are_as_shown(clone, monkeypatch, capsys):
     """All but the view, which goes on until somebody ends it."""
     exit_codes = {"doctor": (0, 1), "dynamic": (3,)}

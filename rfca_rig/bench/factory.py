@@ -5,11 +5,12 @@ The make of a device is asked of the registry (`devices`).
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import can
 import numpy as np
 
+from rfca_rig.bench.concealment import open_seal
 from rfca_rig.bench.fault_injection import FaultInjection
 from rfca_rig.bench.leg_plant import LegPlant, TwinScatter
 from rfca_rig.bench.sensors import (
@@ -267,8 +268,9 @@ def _put_together(
 
 
 def _plant(rig: RigFile, twin: TwinSection, generator: np.random.Generator) -> LegPlant:
+    model = rig.model()
     return LegPlant(
-        rig=rig.model(),
+        rig=replace(model, effects=(*model.effects, *open_seal(twin.concealed))),
         height_m=FIRST_HEIGHT_M,
         shaft_angle_rad=rig.facts().parked_angle_rad,
         rotor_inertia_kg_m2=twin.drive.rotor_inertia_kg_m2,

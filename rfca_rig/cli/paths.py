@@ -19,6 +19,8 @@ from rfca_rig.errors import BadInput
 from rfca_rig.recording.atomic import translate_os_errors
 from rfca_rig.suggestions import suggestion
 
+# The camera of the twin, which its rig file names beside itself.
+CAMERA_FILE = "twin-camera.toml"
 PACKAGE = Path(__file__).parents[1]
 
 NAME = "trusted-code.txt"
@@ -51,6 +53,11 @@ def folders_of(kind: str) -> list[Path]:
     """Folders in which files of that kind are searched, in this order."""
     # The user's own folder wins over the checkout, and that over the installed copies.
     return [Path(kind), PACKAGE.parent / kind, PACKAGE / "shipped" / kind]
+
+
+def find_shipped(kind: str) -> Path:
+    """The folder of that kind that came with the package, whatever the current folder holds."""
+    return next(folder for folder in folders_of(kind)[1:] if folder.is_dir())
 
 
 def make_run_folder(parent: Path, mark: str, title: str) -> Path:

@@ -127,6 +127,9 @@ class TwinSection(Section):
     seed: Annotated[int, Field(ge=0)] = Field(description="seed of all random numbers")
     noise_N: NotNegative = Field(description="standard deviation of a force sample")
     noise_Nm: NotNegative = Field(description="standard deviation of a moment sample")
+    concealed: str = Field(
+        default="", description="sealed effect that the nominal model lacks, by twin conceal"
+    )
     drive: TwinDriveSection
     scatter: TwinScatterSection = TwinScatterSection()
     camera: TwinCameraSection = TwinCameraSection()

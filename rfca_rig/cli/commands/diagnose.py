@@ -252,6 +252,14 @@ def diagnose(
             help="Time for the search; the answer is then the best so far.",
         ),
     ] = None,
+    reveals: Annotated[
+        bool,
+        typer.Option(
+            "--reveal",
+            help="At the end say what the twin was concealing (twin conceal), and whether it was "
+            "found.",
+        ),
+    ] = False,
     as_is: AsIs = False,
     allow_outside: AllowOutside = False,
     pdf: Pdf = False,
@@ -262,6 +270,7 @@ def diagnose(
     Example: rfca-rig diagnose runs/SIM-table-ii-001 --out diagnosis
     """
     from rfca_rig.cli.options import Printing
+    from rfca_rig.cli.reveal import describe_reveal, open_concealed
     from rfca_rig.diagnosis.config import check_known_of_any_rig
     from rfca_rig.diagnosis.opening import open_problem
     from rfca_rig.diagnosis.reference.problem import add_reference
@@ -302,6 +311,8 @@ def diagnose(
             "or --close-the-loop, stays here"
         )
     problem = open_problem(paths, as_is, allow_outside)
+    # First: a seal that cannot be opened must be reported before the work, not after it.
+    concealed = open_concealed(problem) if reveals else ()
     if reference:
         problem = add_reference(problem, open_problem(reference, as_is, allow_outside))
     if not close_the_loop:
@@ -326,6 +337,8 @@ def diagnose(
             replace(asked, command=command),
         )
     _say(diagnosis, paths, out, as_json)
+    for line in describe_reveal(concealed, diagnosis):
+        echo(line, err=as_json)
     printing.print([out / "diagnosis.html"], as_json)
 
 

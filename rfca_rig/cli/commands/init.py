@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rfca_rig.cli.options import AllowOutside
-from rfca_rig.cli.paths import folders_of
+from rfca_rig.cli.paths import CAMERA_FILE, find_shipped
 from rfca_rig.cli.terminal import echo
 from rfca_rig.errors import BadInput
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from rfca_rig.devices.checks import FoundSensor
 
 
-CAMERA_FILE = "twin-camera.toml"
 QUESTIONS = 10
 # Height over leg length of a stroke that presses the twin's leg well, and its speed: the first row
 # of Table II.
@@ -92,8 +91,7 @@ def _write_rig_file(path: Path, takes_all: bool) -> None:
         raise BadInput(
             f"{path}: there is no folder {path.parent}; make it, or name a file in another folder"
         )
-    # The copy that came with the package, whatever a folder calibration/ here holds.
-    shipped = next(folder for folder in folders_of("calibration")[1:] if folder.is_dir())
+    shipped = find_shipped("calibration")
     usual = read_data(shipped / "twin.toml")
     answers = _ask(usual, path.parent, takes_all)
     text = draft_rig(path.stem, answers, usual)

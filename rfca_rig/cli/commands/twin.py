@@ -2,11 +2,13 @@
 
 import json
 import socket
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from rfca_rig.cli.options import Command, Rig, Seed
+from rfca_rig.cli.paths import CAMERA_FILE
 from rfca_rig.cli.terminal import echo, print_lines
 from rfca_rig.errors import BadInput, DeviceError, Stopped
 
@@ -16,6 +18,8 @@ HTTP_PORT = 8080
 CAN_PORT = 29536
 CONTROL_PORT = 49160
 ANSWER_WITHIN_S = 5.0
+# A loop of the springs.
+DEFAULT_SEED = 6
 
 app = typer.Typer(
     name="twin",
@@ -184,6 +188,53 @@ def serve(
         except KeyboardInterrupt:
             raise Stopped(f"stopped by the operator; {served.status()}") from None
         say(served.status())
+
+
+@app.command("conceal", cls=Command)
+def conceal(
+    path: Annotated[Path, typer.Argument(metavar="FILE", help="The rig file to write.")],
+    seed: Annotated[
+        int,
+        typer.Option(
+            "--seed", metavar="N", min=0, help="What is drawn; each N has its own effect."
+        ),
+    ] = DEFAULT_SEED,
+) -> None:
+    """Write a rig file of the twin with an effect that its model lacks, and that nobody is told: in
+    the leg, the floor or the frame.
+
+    Its drive follows every command. The effect is sealed in the file; diagnose --reveal opens it.
+
+    Example: rfca-rig twin conceal riddle.toml --seed 7
+    """
+    import numpy as np
+
+    from rfca_rig.bench.concealment import conceal as conceal_effect
+    from rfca_rig.bench.concealment import draw_concealed
+    from rfca_rig.cli.paths import find_shipped
+    from rfca_rig.description.rig_file import RigFile
+    from rfca_rig.recording.atomic import write_atomically
+    from rfca_rig.toml import model_of, read_text
+
+    if path.exists():
+        raise BadInput(f"{path}: is there already; remove it, or name another file")
+    if not path.parent.is_dir():
+        raise BadInput(
+            f"{path}: there is no folder {path.parent}; make it, or name a file in another folder"
+        )
+    shipped = find_shipped("calibration")
+    usual = read_text(shipped / "twin.toml")
+    rig = model_of(usual, RigFile, shipped / "twin.toml")
+    text = conceal_effect(usual, draw_concealed(rig, np.random.default_rng(seed)))
+    # Nothing is written that the other commands would refuse.
+    model_of(text, RigFile, path)
+    camera = path.parent / CAMERA_FILE
+    if not camera.exists():
+        write_atomically(camera, (shipped / CAMERA_FILE).read_bytes())
+    write_atomically(path, text.encode("utf-8"))
+    echo(f"{path}: a twin with an effect that its model lacks")
+    echo(f"then: rfca-rig dynamic run --protocol table2 --rig {path}", err=True)
+    echo("and: rfca-rig diagnose RUN --reveal, with the folder that it names", err=True)
 
 
 @app.command("tell", cls=Command)
