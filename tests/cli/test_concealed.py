@@ -86,3 +86,6 @@ def test_nothing_is_revealed_of_recordings_that_conceal_nothing(monkeypatch, cap
     said = typed(monkeypatch, capsys, "diagnose", "tests/data/small-campaign", "--reveal")
     assert said.exit_code == 2
     assert "--reveal: the twin of these recordings conceals nothing" in said.err
+    said = typed(monkeypatch, capsys, "diagnose", "tests/data/small-campaign", "--each", "--reveal")
+    assert said.exit_code == 2
+    assert "--reveal: is about one diagnosis; leave out --each" in said.err

@@ -293,6 +293,8 @@ def diagnose(
     printing = Printing(pdf)
     _check_options(each, close_the_loop, law, pdf)
     _check_reference(bool(reference), each, close_the_loop)
+    if each and reveals:
+        raise BadInput("--reveal: is about one diagnosis; leave out --each")
     if each and not close_the_loop:
         # Otherwise each diagnosis would refuse the name for itself, after it has read recordings.
         check_known_of_any_rig(asked.without)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from markupsafe import Markup
 
+from rfca_rig.diagnosis.leg.problem import MODEL
 from rfca_rig.diagnosis.result import Diagnosis, name_parts
 from rfca_rig.reports.diagnosis.left_out import (
     choose_shown,
@@ -107,8 +108,7 @@ CHANGES = (
     ("fz_before_N", "fz_after_N"),
 )
 LEFT_OUT_FILES = csv_links("left-out.csv", "left-out-signals.csv")
-# The model file of a leg, and the folder for the report of recordings beside it.
-MODEL = "model.toml"
+# Folder for the report of recordings beside the model file of a leg.
 COMPARED = "report-after"
 UNFINISHED = "Not every effect was tried."
 NEXT_STEPS = {

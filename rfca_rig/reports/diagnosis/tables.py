@@ -356,7 +356,8 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
         _row("signals", name, fit.get(name), diagnosis.held_out.get(f"held_out_{name}"))
         for name in names
     ]
-    rows += [_row("Table II", name, misfit) for name, misfit in diagnosis.valley.items()]
+    # Valleys are those of conditions that were left out, with the shaft as commanded.
+    rows += [_row("Table II", name, None, misfit) for name, misfit in diagnosis.valley.items()]
     columns = [
         TableColumn("of", role="group"),
         TableColumn("difference", "Difference, rms"),
@@ -372,7 +373,12 @@ def before_after_table(diagnosis: Diagnosis) -> Table:
         f"Measured less simulated, {of_what}. Before: the nominal model; after: the model "
         "that this diagnosis arrives at."
     )
-    if diagnosis.held_out:
+    if diagnosis.settings.get("shaft") == "as recorded":
+        caption += (
+            " The signals are simulated along the recorded turn of the shaft, where forces fit "
+            "before an effect of the drive is added; Table II has the shaft as commanded."
+        )
+    if diagnosis.held_out or diagnosis.valley:
         columns += [
             TableColumn("held_out_before", "before", over=HELD_OUT),
             TableColumn("held_out_after", "after", over=HELD_OUT),
