@@ -73,6 +73,7 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ("fatigue", "run", "--cycles", "1", "--runs", "fatigue-runs"),
     ("twin", "serve", "--seconds", "0.1", *FREE_PORTS),
     ("twin", "tell", "on", "force-silent"),
+    ("twin", "conceal", "riddle.toml"),
     ("calibrate", "camera", "calibration"),
     ("export", "mcap", "{run}", "--out", "run.mcap"),
     ("export", "csv", "{run}", "--out", "run-csv"),
