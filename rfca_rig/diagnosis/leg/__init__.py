@@ -5,5 +5,6 @@
    infers the approach path of a static table.
 2. `problem` searches the forces for what the leg, floor and sensor lack, and `drive_search` the
    motion of the shaft for what the drive lacks.
-3. `result` makes one answer of both searches (`findings`), and `model_files` writes the model.
+3. `left_out` predicts conditions that were left out, with the shaft as commanded.
+4. `result` makes one answer of both searches (`findings`), and `model_files` writes the model.
 """
