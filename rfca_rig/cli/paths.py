@@ -60,6 +60,26 @@ def find_shipped(kind: str) -> Path:
     return next(folder for folder in folders_of(kind)[1:] if folder.is_dir())
 
 
+def check_writable(path: Path) -> None:
+    """Raises BadInput where a file is there already, or has no folder."""
+    if path.exists():
+        raise BadInput(f"{path}: is there already; remove it, or name another file")
+    if not path.parent.is_dir():
+        raise BadInput(
+            f"{path}: there is no folder {path.parent}; make it, or name a file in another folder"
+        )
+
+
+def write_twin_rig(path: Path, text: str) -> None:
+    """Writes the rig file of a twin, and beside it the camera that it names, if none is there."""
+    from rfca_rig.recording.atomic import write_atomically
+
+    camera = path.parent / CAMERA_FILE
+    if not camera.exists():
+        write_atomically(camera, (find_shipped("calibration") / CAMERA_FILE).read_bytes())
+    write_atomically(path, text.encode("utf-8"))
+
+
 def make_run_folder(parent: Path, mark: str, title: str) -> Path:
     """Make the next folder that does not exist yet: runs/SIM-title-001, -002 and so on.
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rfca_rig.cli.options import AllowOutside
-from rfca_rig.cli.paths import CAMERA_FILE, find_shipped
+from rfca_rig.cli.paths import check_writable, find_shipped, write_twin_rig
 from rfca_rig.cli.terminal import echo
 from rfca_rig.errors import BadInput
 
@@ -85,22 +85,17 @@ def _write_rig_file(path: Path, takes_all: bool) -> None:
     from rfca_rig.recording.atomic import write_atomically
     from rfca_rig.toml import model_of, read_data
 
-    if path.exists():
-        raise BadInput(f"{path}: is there already; remove it, or edit it")
-    if not path.parent.is_dir():
-        raise BadInput(
-            f"{path}: there is no folder {path.parent}; make it, or name a file in another folder"
-        )
+    check_writable(path)
     shipped = find_shipped("calibration")
     usual = read_data(shipped / "twin.toml")
     answers = _ask(usual, path.parent, takes_all)
     text = draft_rig(path.stem, answers, usual)
     # Nothing is written that the other commands would refuse.
     drafted = model_of(text, RigFile, path)
-    camera = path.parent / CAMERA_FILE
-    if drafted.camera is not None and not camera.exists():
-        write_atomically(camera, (shipped / CAMERA_FILE).read_bytes())
-    write_atomically(path, text.encode("utf-8"))
+    if drafted.camera is None:
+        write_atomically(path, text.encode("utf-8"))
+    else:
+        write_twin_rig(path, text)
     height_mm = round(FIRST_HEIGHT_SHARE * sum(answers.link_lengths_mm))
     marked = sum(line.rstrip().endswith(USUAL) for line in text.splitlines())
     echo(f"{path}: a twin of your rig; {marked} lines hold a usual value, to check against yours")

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from rfca_rig.cli.options import Command, Rig, Seed
-from rfca_rig.cli.paths import CAMERA_FILE
+from rfca_rig.cli.paths import check_writable, find_shipped, write_twin_rig
 from rfca_rig.cli.terminal import echo, print_lines
 from rfca_rig.errors import BadInput, DeviceError, Stopped
 
@@ -211,27 +211,17 @@ def conceal(
 
     from rfca_rig.bench.concealment import conceal as conceal_effect
     from rfca_rig.bench.concealment import draw_concealed
-    from rfca_rig.cli.paths import find_shipped
     from rfca_rig.description.rig_file import RigFile
-    from rfca_rig.recording.atomic import write_atomically
     from rfca_rig.toml import model_of, read_text
 
-    if path.exists():
-        raise BadInput(f"{path}: is there already; remove it, or name another file")
-    if not path.parent.is_dir():
-        raise BadInput(
-            f"{path}: there is no folder {path.parent}; make it, or name a file in another folder"
-        )
+    check_writable(path)
     shipped = find_shipped("calibration")
     usual = read_text(shipped / "twin.toml")
     rig = model_of(usual, RigFile, shipped / "twin.toml")
     text = conceal_effect(usual, draw_concealed(rig, np.random.default_rng(seed)))
     # Nothing is written that the other commands would refuse.
     model_of(text, RigFile, path)
-    camera = path.parent / CAMERA_FILE
-    if not camera.exists():
-        write_atomically(camera, (shipped / CAMERA_FILE).read_bytes())
-    write_atomically(path, text.encode("utf-8"))
+    write_twin_rig(path, text)
     echo(f"{path}: a twin with an effect that its model lacks")
     echo(f"then: rfca-rig dynamic run --protocol table2 --rig {path}", err=True)
     echo("and: rfca-rig diagnose RUN --reveal, with the folder that it names", err=True)
