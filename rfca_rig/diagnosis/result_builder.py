@@ -14,10 +14,12 @@ from numpy.typing import NDArray
 from rfca_rig.diagnosis.config import (
     MOST_RIVALS,
     MOVED_PRIOR_STD,
+    NOTHING_PROBABILITY,
     PRIOR_NOTHING,
     PRIOR_ONE,
     PRIOR_TWO,
     PRIOR_UNKNOWN,
+    VISIBLE_PROBABILITY,
 )
 from rfca_rig.diagnosis.data import Label, Observations, rms
 from rfca_rig.diagnosis.decision.decide import HELD_OUT, STATED_GRADES, Decision
@@ -61,6 +63,8 @@ class Wording:
         What is there where nothing can be stated.
     visible
         The difference that is within the usual model error.
+    doubtful
+        Where nothing is more probable than all sets, though the difference is larger than usual.
     """
 
     lacks: str
@@ -69,6 +73,7 @@ class Wording:
     nothing: str
     something: str
     visible: str
+    doubtful: str
 
 
 OF_MODEL = Wording(
@@ -78,6 +83,8 @@ OF_MODEL = Wording(
     nothing="Nothing is missing that these recordings would show.",
     something="Something is missing",
     visible="The difference is within the usual model error, but visible:",
+    doubtful="More probably than not nothing is missing, though the recordings differ from the "
+    "model by more than usual",
 )
 
 
@@ -138,6 +145,11 @@ def describe_open(decision: Decision, words: Wording) -> str:
         )
     if decision.alternatives and decision.within_usual:
         return f"{words.visible} {describe_alternatives(decision.alternatives)}."
+    if decision.probability < 1.0 - NOTHING_PROBABILITY:
+        visible = [row for row in decision.alternatives if row.probability > VISIBLE_PROBABILITY]
+        if visible:
+            return f"{words.doubtful}: {describe_alternatives(visible)}."
+        return f"{words.doubtful}."
     is_explained = any(
         criterion.passed for criterion in decision.criteria if criterion.name == HELD_OUT
     )

@@ -145,8 +145,10 @@ def _check_nothing(diagnosis: Diagnosis) -> Iterator[str]:
     if diagnosis.grade in STATED_GRADES and nothing > HALF:
         stated = _describe_statement(diagnosis)
         yield f"{stated} is stated, but the table gives nothing {nothing:.4f}."
-    if diagnosis.grade == "unexplained" and nothing > HALF:
-        yield f"Something is said to be missing, but the table gives nothing {nothing:.4f}."
+    says_doubt = diagnosis.sentence.startswith("More probably than not nothing")
+    if diagnosis.grade == "unexplained" and says_doubt != (nothing > HALF):
+        says = "Nothing" if says_doubt else "Something"
+        yield f"{says} is said to be missing, but the table gives nothing {nothing:.4f}."
 
 
 def _check_stated_set(diagnosis: Diagnosis) -> Iterator[str]:

@@ -266,6 +266,23 @@ def test_a_law_that_holds_is_identified_and_one_that_does_not_mostly(gained, une
     ]
 
 
+@pytest.mark.parametrize(("of_effects", "of_families"), [(0.95, 0.95), (0.5, 0.95)])
+def test_nothing_is_stated_that_the_table_denies(uneven, of_effects, of_families):
+    assert graded(uneven, of_effects, of_families).grade in ("mostly", "family")
+    nothing = uneven.result.nothing
+    log_evidence = uneven.best.log_joint + 1.0 - nothing.log_prior
+    raised = replace(nothing, marginal=replace(nothing.marginal, log_evidence=log_evidence))
+    denied = Comparison(replace(uneven.result, nothing=raised), uneven.ranked)
+    decision = graded(denied, of_effects, of_families)
+    assert decision.grade == "unexplained"
+    assert not decision.effects and decision.family is None
+    assert decision.probability < 0.5
+    assert describe(decision) == (
+        "More probably than not nothing is missing, though the recordings differ from the model "
+        f"by more than usual: sensor_gain ({100.0 * decision.probability:.0f} %)."
+    )
+
+
 def test_what_relieves_an_implausible_value_is_stated_though_it_removes_little(gained):
     """Without the effect, held-out conditions are predicted as well, by a value that nobody
     would believe.

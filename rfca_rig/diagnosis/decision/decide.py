@@ -24,7 +24,9 @@
     usually do, and in the table of all sets nothing is more probable than everything else together
 `unexplained`
     otherwise: something is missing, or there is a difference that is visible but within the usual
-    model error
+    model error, or nothing is more probable than all sets though the difference is larger
+
+Nothing is stated where the table of all sets gives "nothing missing" more than one half.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -266,10 +268,15 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     else:
         needed = STATED_PROBABILITY
     unsure = comparison.find_unsure_laws()
+    nothing = probability_of((), rivals)
+    # What the table of all sets denies is not stated, however well held-out conditions are
+    # predicted with it.
+    is_denied = nothing > NOTHING_PROBABILITY
     sure = {
         effect.id
         for effect in of_effects.values()
-        if effect.probability >= needed
+        if not is_denied
+        and effect.probability >= needed
         and effect.is_needed
         and not effect.is_at_bound
         and effect.id not in unsure
@@ -283,6 +290,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     family = _best_family(comparison, supported, comparison.best.ids)
     is_family = (
         family is not None
+        and not is_denied
         and family.probability >= needed
         and _is_dominant(comparison, comparison.best)
     )
@@ -333,8 +341,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             explained_share=comparison.explained_share(comparison.best),
             relieved_strain=_describe_relief(comparison, comparison.best),
         )
-    nothing = probability_of((), rivals)
-    if is_usual and nothing > NOTHING_PROBABILITY:
+    if is_usual and is_denied:
         return replace(decision, grade="nothing missing", probability=nothing)
     return replace(decision, probability=1.0 - nothing, alternatives=list_alternatives(rivals))
 

@@ -58,6 +58,8 @@ SINCE_REFERENCE = Wording(
         "The difference from the reference is within the usual difference between recordings, but "
         "visible:"
     ),
+    doubtful="More probably than not nothing has changed since the reference, though the "
+    "recordings differ from it by more than usual",
 )
 
 
