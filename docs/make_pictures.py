@@ -27,9 +27,9 @@ STROKE = ("dynamic", "run", "--height", "215", "--speed", "2.433", "--repeats")
 # stroke.
 ANIMATED_PX = 960
 FRAME_MS = 80
-# Of the diagnosis, the first screen: the verdict and the figure beside it.
+# Of the diagnosis, the first screen: the verdict, and a condition that was left out.
 MARGIN_PX = 30
-FIRST_SCREEN_PX = 650
+FIRST_SCREEN_PX = 770
 # In the third stroke, when the leg is bent most.
 MID_STROKE_S = 8.6
 TEXT_WIDTH = (

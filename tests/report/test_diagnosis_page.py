@@ -543,7 +543,7 @@ def test_the_page_says_everything_once_needed(named_page):
         "stiffness 43200 N/m^1.5",
         "Not tested",
         "motor_speed_ripple",
-        "valley time error % 3.10 0.40",
+        "valley time error % \u2013 \u2013 3.10 0.40",
         "heights, mm 195, 205",
         "priors: nothing missing 0.5",
         "Repeat 3 at 195 mm, 2 rad/s was left out",
