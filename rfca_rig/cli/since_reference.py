@@ -21,6 +21,7 @@ Gate = Annotated[
 ]
 # Grades that say that nothing has changed, or nothing.
 UNCHANGED = ("nothing missing", "not enough data")
+EVEN = 0.5  # probability
 
 
 @dataclass(frozen=True)
@@ -40,8 +41,12 @@ class SinceReference:
 
     @property
     def has_changed(self) -> bool:
-        """Whether anything has, known or not."""
-        return self.diagnosis.grade not in UNCHANGED
+        """Whether anything has, known or not, with more than even odds."""
+        probability = self.diagnosis.probability
+        is_doubtful = (
+            self.diagnosis.grade == "unexplained" and probability is not None and probability < EVEN
+        )
+        return self.diagnosis.grade not in UNCHANGED and not is_doubtful
 
     def line(self) -> str:
         """One line for a terminal."""

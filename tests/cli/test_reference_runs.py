@@ -2,9 +2,12 @@
 
 import json
 import shutil
+from dataclasses import replace
 
 import pytest
 
+from rfca_rig.cli.since_reference import SinceReference, pass_gate
+from rfca_rig.errors import Changed
 from rfca_rig.logbook.references import (
     REFERENCES,
     RigIdentity,
@@ -15,6 +18,7 @@ from rfca_rig.logbook.references import (
 )
 from tests.cli.test_eighty_columns import SMALL
 from tests.cli.typed import typed
+from tests.diagnosis.test_invariants import IDENTIFIED
 
 
 @pytest.fixture
@@ -170,3 +174,26 @@ def find_calibration():
     from rfca_rig.cli.paths import folders_of
 
     return next(folder for folder in folders_of("calibration") if (folder / "twin.toml").is_file())
+
+
+@pytest.mark.parametrize(
+    ("grade", "probability", "has_changed"),
+    [
+        ("identified", 0.95, True),
+        ("unexplained", 0.9, True),
+        # More probably than not nothing has changed.
+        ("unexplained", 0.37, False),
+        ("nothing missing", 0.6, False),
+        ("not enough data", None, False),
+    ],
+)
+def test_a_gate_refuses_what_has_more_probably_changed_than_not(grade, probability, has_changed):
+    diagnosis = replace(IDENTIFIED, grade=grade, probability=probability)
+    answer = SinceReference(("one",), diagnosis)
+    assert answer.has_changed is has_changed
+    if has_changed:
+        with pytest.raises(Changed):
+            pass_gate(answer, is_gate=True)
+    else:
+        pass_gate(answer, is_gate=True)
+    pass_gate(answer, is_gate=False)
