@@ -25,6 +25,7 @@ from rfca_rig.model.kernel.stage import allocate_workspace
 from rfca_rig.model.kernel.state import Chain, Laws, Samples, Shaft, State, Work
 from rfca_rig.model.motion import ramp_to_speed
 from rfca_rig.model.parameters import RigModel
+from rfca_rig.model.setup import Setup
 from rfca_rig.twins.world import ShaftDrive, ShaftState
 
 Floats = NDArray[np.float64]
@@ -45,6 +46,29 @@ class TwinScatter:
 
     friction: float = 0.0
     height_m: float = 0.0
+
+
+def set_up_mechanics(rig: RigModel, height_m: float, shaft_angle_rad: float) -> Setup:
+    """The leg with its shaft held, and its surroundings.
+
+    Raises BadInput for effects that the mechanics of a twin cannot have.
+    """
+    still = ramp_to_speed(shaft_angle_rad, 0.0, 1.0, 1.0)
+    setup = set_up(rig, height_m, still)
+    # The twins simulate drive and sensor themselves, so effects that act there have no place in
+    # this model.
+    if setup.drive is not None or setup.sensor_changes or setup.motion is not still:
+        raise BadInput(
+            "the twin has a drive and a sensor of its own; leave effects that act "
+            "there out of its rig file"
+        )
+    for effect, _ in map(resolve_effect, rig.effects):
+        if effect.needs_order:
+            raise BadInput(
+                f"effect {effect.id}: the twin does not count its strokes; leave it "
+                "out of its rig file"
+            )
+    return setup
 
 
 @dataclass
@@ -79,21 +103,7 @@ class LegPlant:
         """Resets the leg: hanging at rest, at this height. Where it has no rest pose there, it
         stays as it is.
         """
-        still = ramp_to_speed(shaft_angle_rad, 0.0, 1.0, 1.0)
-        setup = set_up(self.rig, height_m, still)
-        # The twins simulate drive and sensor themselves, so effects that act there have no place in
-        # this model.
-        if setup.drive is not None or setup.sensor_changes or setup.motion is not still:
-            raise BadInput(
-                "the twin has a drive and a sensor of its own; leave effects that act "
-                "there out of its rig file"
-            )
-        for effect, _ in map(resolve_effect, self.rig.effects):
-            if effect.needs_order:
-                raise BadInput(
-                    f"effect {effect.id}: the twin does not count its strokes; leave it "
-                    "out of its rig file"
-                )
+        setup = set_up_mechanics(self.rig, height_m, shaft_angle_rad)
         chain = setup.chain()
         laws = setup.compile_laws(chain)
         self._state = find_rest_state(chain, shaft_angle_rad, laws)

@@ -21,7 +21,6 @@ Gate = Annotated[
 ]
 # Grades that say that nothing has changed, or nothing.
 UNCHANGED = ("nothing missing", "not enough data")
-EVEN = 0.5  # probability
 
 
 @dataclass(frozen=True)
@@ -42,9 +41,13 @@ class SinceReference:
     @property
     def has_changed(self) -> bool:
         """Whether anything has, known or not, with more than even odds."""
+        from rfca_rig.diagnosis.config import NOTHING_PROBABILITY
+
         probability = self.diagnosis.probability
         is_doubtful = (
-            self.diagnosis.grade == "unexplained" and probability is not None and probability < EVEN
+            self.diagnosis.grade == "unexplained"
+            and probability is not None
+            and probability < 1.0 - NOTHING_PROBABILITY
         )
         return self.diagnosis.grade not in UNCHANGED and not is_doubtful
 

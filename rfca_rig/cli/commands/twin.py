@@ -200,8 +200,8 @@ def conceal(
         ),
     ] = DEFAULT_SEED,
 ) -> None:
-    """Write a rig file of the twin with an effect that its model lacks, and that nobody is told: in
-    the leg, the floor or the frame.
+    """Write a rig file of the twin with a concealed effect that its model lacks: in the leg, the
+    floor or the frame.
 
     Its drive follows every command. The effect is sealed in the file; diagnose --reveal opens it.
 

@@ -37,11 +37,11 @@ def predict_left_out(prepared: PreparedLeg, findings: LegFindings) -> tuple[Left
     """
     forces = findings.forces.search
     nominal = forces.nominal.coordinates.supposed(forces.nominal.x)
-    of_shaft = {shaft.label: number for number, shaft in enumerate(prepared.shafts)}
     predicted = []
-    for number, flap in enumerate(prepared.flaps):
+    for flap, accepted in zip(
+        prepared.flaps, _accept_without_each(prepared, findings), strict=True
+    ):
         try:
-            accepted = _accept_without(number, of_shaft.get(flap.label), findings)
             before = _Prediction.of(_command(flap, nominal), nominal)
             after = _Prediction.of(_command(flap, accepted), accepted)
         except (SimulationFailed, BadInput):
@@ -50,38 +50,44 @@ def predict_left_out(prepared: PreparedLeg, findings: LegFindings) -> tuple[Left
     return tuple(predicted)
 
 
-def _accept_without(of_forces: int, of_shaft: int | None, findings: LegFindings) -> ModelPoint:
-    """The accepted model, its values from all conditions but one, which has these numbers among
-    those of the forces and of the shaft.
-    """
-    point = _estimate_without(of_forces, findings.forces)
+def _accept_without_each(prepared: PreparedLeg, findings: LegFindings) -> list[ModelPoint]:
+    """For each condition of the strokes the accepted model, its values from all others."""
+    points = _estimate_without_each(findings.forces, len(prepared.flaps))
     shaft = findings.shaft
     if shaft is None:
-        return point
-    of_drive = _estimate_without(of_shaft, shaft)
-    effects: tuple[PresentEffect, ...] = ()
-    if shaft.decision.effects:
-        # The centre of that search has the effects of the leg.
-        known = len(shaft.search.nominal.coordinates.space.centre.rig.effects)
-        effects = of_drive.rig.effects[known:]
-    # The delay of the shaft's angle behind its command is no part of the model that is written: it
-    # may be one of the reading alone.
-    return replace(point, rig=add_drive(point.rig, shaft, effects))
+        return points
+    of_drives = _estimate_without_each(shaft, len(prepared.shafts))
+    by_label = {part.label: point for part, point in zip(prepared.shafts, of_drives, strict=True)}
+    # Of a condition whose shaft was not recorded, nothing is left out.
+    of_all = _suppose(shaft, shaft.decision.explanation.marginal.posterior.mean)
+    # The centre of that search has the effects of the leg.
+    known = len(shaft.search.nominal.coordinates.space.centre.rig.effects)
+    accepted = []
+    for flap, point in zip(prepared.flaps, points, strict=True):
+        effects: tuple[PresentEffect, ...] = ()
+        if shaft.decision.effects:
+            effects = by_label.get(flap.label, of_all).rig.effects[known:]
+        # The delay of the shaft's angle behind its command is no part of the model that is written:
+        # it may be one of the reading alone.
+        accepted.append(replace(point, rig=add_drive(point.rig, shaft, effects)))
+    return accepted
 
 
-def _estimate_without(number: int | None, finding: DecidedSearch) -> ModelPoint:
-    """The explanation of a search at the posterior mean given all conditions but one; given all
-    where that is None.
+def _estimate_without_each(finding: DecidedSearch, count: int) -> list[ModelPoint]:
+    """The explanation of a search, for each of its first `count` conditions at the posterior mean
+    given all others.
     """
     search = finding.search
-    explanation = finding.decision.explanation
-    x = explanation.marginal.posterior.mean
-    if number is not None:
-        rows = search.dataset.rows
-        linear = explanation.fitted.linear(rows.measured)
-        whitening = search.likelihood.level(linear)
-        (x,) = loo_estimates(linear, whitening, rows.condition, [number])
-    coordinates = explanation.fitted.coordinates
+    rows = search.dataset.rows
+    linear = finding.decision.explanation.fitted.linear(rows.measured)
+    whitening = search.likelihood.level(linear)
+    means = loo_estimates(linear, whitening, rows.condition, range(count))
+    return [_suppose(finding, x) for x in means]
+
+
+def _suppose(finding: DecidedSearch, x: Floats) -> ModelPoint:
+    """The explanation of a search at x (p,), its values raised to the lowest possible ones."""
+    coordinates = finding.decision.explanation.fitted.coordinates
     count = coordinates.nuisances
     possible = np.concatenate([coordinates.space.clip(x[:count]), x[count:]])
     point: ModelPoint = coordinates.supposed(possible)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rfca_rig.analysis.fitting.space import JointNormal, Prior
 from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data import Observations
+from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
@@ -107,13 +108,25 @@ class ReferenceFit:
         return np.array(changes) / (2.0 * VALUE_STEP)
 
 
-def fit_reference(pair: RecordingPair, progress: Progress) -> ReferenceFit:
-    """Fit the nuisance parameters to the reference.
+def fit_without_effects(pair: RecordingPair, progress: Progress) -> ModelSelectionResult:
+    """The reference by the model without effects.
+
+    Raises SimulationFailed where the nominal model cannot be simulated.
+    """
+    return search_models(pair.reference, Parameterization(pair.space), [], progress, pair.config)
+
+
+def fit_reference(
+    pair: RecordingPair, progress: Progress, search: ModelSelectionResult | None = None
+) -> ReferenceFit:
+    """Fit the nuisance parameters to the reference; `search` is its fit without effects, where that
+    was made already.
 
     Raises SimulationFailed where the nominal model cannot be simulated.
     """
     dataset = pair.reference
-    search = search_models(dataset, Parameterization(pair.space), [], progress, pair.config)
+    if search is None:
+        search = fit_without_effects(pair, progress)
     fitted = search.nothing.fitted
     rows = dataset.rows
     linear = fitted.linear(rows.measured)

@@ -41,16 +41,6 @@ def has_matches(pair: RecordingPair) -> bool:
     return matched >= FEWEST_CONDITIONS
 
 
-def predicts_as_usual(pair: RecordingPair, progress: Progress) -> bool:
-    """Whether the model without effects predicts the reference as models usually do, with plausible
-    values.
-
-    Raises SimulationFailed where the nominal model cannot be simulated.
-    """
-    found = search_models(pair.reference, Parameterization(pair.space), [], progress, pair.config)
-    return decide(found).within_usual
-
-
 def find_omission(
     pair: RecordingPair, without: Collection[str], progress: Progress
 ) -> Hypothesis | None:

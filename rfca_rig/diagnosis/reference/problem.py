@@ -27,13 +27,8 @@ from rfca_rig.diagnosis.reference.conditions import (
     ReferenceParts,
     compare_pair,
 )
-from rfca_rig.diagnosis.reference.fit import ReferenceFit, fit_reference
-from rfca_rig.diagnosis.reference.omissions import (
-    add_omission,
-    find_omission,
-    has_matches,
-    predicts_as_usual,
-)
+from rfca_rig.diagnosis.reference.fit import ReferenceFit, fit_reference, fit_without_effects
+from rfca_rig.diagnosis.reference.omissions import add_omission, find_omission, has_matches
 from rfca_rig.diagnosis.reference.shared import find_shared_effects
 from rfca_rig.diagnosis.residual_force.law import StatedLaw
 from rfca_rig.diagnosis.result import SHARED_ERROR, Diagnosed, Diagnosis, name_parts
@@ -291,12 +286,15 @@ class ReferenceProblem(Problem):
 
         is_matched = has_matches(pair)
         omission = None
-        if not is_matched or not predicts_as_usual(pair, progress_of_reference):
+        without_effects = fit_without_effects(pair, progress_of_reference)
+        if not is_matched or not decide(without_effects).within_usual:
             omission = find_omission(pair, of_rig, progress_of_reference)
         plain = pair
         if omission is not None:
             pair = add_omission(pair, omission)
-        fit = fit_reference(pair, progress_of_reference)
+        fit = fit_reference(
+            pair, progress_of_reference, without_effects if omission is None else None
+        )
         try:
             coordinates, compared = self._compare(pair, fit)
         except SimulationFailed:
@@ -305,7 +303,7 @@ class ReferenceProblem(Problem):
             # A law that suits the motions of the reference may diverge in others.
             omission = None
             pair = plain
-            fit = fit_reference(pair, progress_of_reference)
+            fit = fit_reference(pair, progress_of_reference, without_effects)
             coordinates, compared = self._compare(pair, fit)
         effects = add_changes(pair, without)
         search = search_models(

@@ -3,6 +3,7 @@ as a figure, as a table with the rows of Table II, and in a sentence.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -10,6 +11,8 @@ from matplotlib.figure import Figure
 from rfca_rig.diagnosis.data import rms
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, LeftOutCondition, SignalOverlay
 from rfca_rig.escaping import html_text
+from rfca_rig.reports.diagnosis.pictures import residuals_of
+from rfca_rig.reports.diagnosis.tables import list_signal_rows
 from rfca_rig.reports.style import (
     ALIKE,
     FAINT,
@@ -51,11 +54,8 @@ def measure_misfits(left_out: Sequence[LeftOutCondition]) -> dict[str, BeforeAft
 
 
 def _measure_misfit(overlays: Sequence[SignalOverlay]) -> BeforeAfter:
-    return BeforeAfter(
-        rms(np.concatenate([overlay.measured - overlay.before for overlay in overlays])),
-        rms(np.concatenate([overlay.measured - overlay.after for overlay in overlays])),
-        rms(np.concatenate([overlay.floor for overlay in overlays])),
-    )
+    floor = np.concatenate([overlay.floor for overlay in overlays])
+    return replace(residuals_of(overlays), noise_floor=rms(floor))
 
 
 def describe_misfit(diagnosis: Diagnosis) -> str:
@@ -161,14 +161,9 @@ def _count_digits(misfits: Sequence[BeforeAfter]) -> int:
 
 def left_out_curves_table(diagnosis: Diagnosis) -> Table:
     """All signals of the left-out conditions over time, with both models."""
-    rows = []
-    for condition in diagnosis.left_out:
-        for overlay in condition.overlays:
-            curves = (overlay.t_s, overlay.measured, overlay.before, overlay.after, overlay.floor)
-            for values in zip(*(curve.tolist() for curve in curves), strict=True):
-                cells = (overlay.condition, overlay.signal, *values)
-                rows.append(TableRow(dict(zip(CURVES, cells, strict=True))))
-    return Table("left-out-signals", "", tuple(TableColumn(key) for key in CURVES), tuple(rows))
+    overlays = [overlay for condition in diagnosis.left_out for overlay in condition.overlays]
+    rows = list_signal_rows(overlays, CURVES)
+    return Table("left-out-signals", "", tuple(TableColumn(key) for key in CURVES), rows)
 
 
 def choose_shown(left_out: Sequence[LeftOutCondition]) -> SignalOverlay | None:

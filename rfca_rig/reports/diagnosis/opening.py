@@ -190,10 +190,10 @@ def name_comparison(diagnosis: Diagnosis, recordings: Sequence[Path], model: Pat
 def _show_left_out(diagnosis: Diagnosis) -> Markup:
     """Valleys and forces of the left-out conditions, before and after, a row each."""
     table = left_out_table(diagnosis)
-    rows = [
-        [str(row.values["condition"]), *(_change(row.values, *keys) for keys in CHANGES)]
-        for row in table.rows
-    ]
+    rows = []
+    for row in table.rows:
+        changes = [_change(row.values, *keys) for keys in CHANGES]
+        rows.append([str(row.values["condition"]), *changes])
     feet = []
     for foot in table.foot:
         cells = [HtmlCell(_change(foot.values, *keys), NUMBER) for keys in CHANGES]

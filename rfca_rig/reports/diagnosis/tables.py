@@ -318,11 +318,14 @@ def list_signal_rows(
 ) -> tuple[TableRow, ...]:
     """A row for each time of each overlay.
 
-    `keys` are those of condition, signal, time, measured value and value of either model.
+    `keys` are those of condition, signal, time, measured value and value of either model, and where
+    the overlays have a floor, of that.
     """
     rows = []
     for overlay in overlays:
-        curves = (overlay.t_s, overlay.measured, overlay.before, overlay.after)
+        curves = [overlay.t_s, overlay.measured, overlay.before, overlay.after]
+        if overlay.floor.size:
+            curves.append(overlay.floor)
         for values in zip(*(curve.tolist() for curve in curves), strict=True):
             cells = (overlay.condition, overlay.signal, *values)
             rows.append(TableRow(dict(zip(keys, cells, strict=True))))
