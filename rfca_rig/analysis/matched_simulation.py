@@ -139,9 +139,9 @@ def simulate_matching(
         averages = [average_speed(stroke, rig.drive.ramp_s) for stroke in condition.strokes]
         speed_rad_s = float(np.mean([a.speed_rad_s for a in averages]))
         taken_from = " and ".join(sorted({a.taken_from for a in averages}))
-    end_s = DURATION_FACTOR * max(_last_moment_s(stroke) for stroke in condition.strokes)
+    end_s = DURATION_FACTOR * max(last_moment_s(stroke) for stroke in condition.strokes)
     simulated = simulate_stroke_at_speed(
-        rig, condition.height_m, speed_rad_s, _grid(end_s), strokes_before=condition.strokes_before
+        rig, condition.height_m, speed_rad_s, make_grid(end_s), strokes_before=condition.strokes_before
     )
     return (_counterpart(speed_rad_s, taken_from, simulated),)
 
@@ -150,12 +150,12 @@ def _following(rig: RigModel, condition: Condition, stroke: Stroke) -> MatchedSi
     average = average_speed(stroke, rig.drive.ramp_s)
     motion = _motion_from_recording(rig, stroke)
     # The motion is unknown after the last recorded shaft angle.
-    end_s = min(float(motion.breaks_s[-1]), _last_moment_s(stroke))
+    end_s = min(float(motion.breaks_s[-1]), last_moment_s(stroke))
     simulated = simulate_stroke(
         rig,
         condition.height_m,
         motion,
-        _grid(end_s),
+        make_grid(end_s),
         strokes_before=collect_strokes_before((stroke,)),
     )
     return _counterpart(average.speed_rad_s, average.taken_from, simulated)
@@ -172,7 +172,7 @@ def _motion_from_recording(rig: RigModel, stroke: Stroke) -> ShaftMotion:
     start_rad = rig.leg.start_angle_rad
     if speed is None:
         return ramp_to_speed(
-            start_rad, stroke.speed_rad_s, rig.drive.ramp_s, _last_moment_s(stroke)
+            start_rad, stroke.speed_rad_s, rig.drive.ramp_s, last_moment_s(stroke)
         )
     t_s, speed_rad_s = speed
     # Trapezoidal rule; the turn is then shifted so that it is zero at the commanded start.
@@ -190,11 +190,13 @@ def _counterpart(
     )
 
 
-def _last_moment_s(stroke: Stroke) -> float:
+def last_moment_s(stroke: Stroke) -> float:
+    """Time of the last sample of any channel."""
     return max(float(stream.t_s[-1]) for stream in stroke.streams.values())
 
 
-def _grid(end_s: float) -> Floats:
+def make_grid(end_s: float) -> Floats:
+    """Sample times (m,) of a simulated stroke, from the rest before it to `end_s`."""
     return GRID_S * np.arange(
         -round(REST_BEFORE_S / GRID_S), int(end_s / GRID_S) + 1, dtype=np.float64
     )

@@ -207,10 +207,12 @@ def _twin_bench(
     pair = make_sensor_pair(rig, sensor_twin_maker(rig, twin, noise), faults.panel)
     twins = _put_together(rig, twin, generator, faults.on_bus(twins_end), pair.twin)
     clock.carry(faults.with_faults(twins.world.process, twins.motor))
+    # Its photos are those of its own camera, whatever calibration they are read with.
+    own_eye = rig.eye() if eye else None
     # A third generator, so that photos change neither the sensor's noise nor the scatter.
-    if eye:
+    if own_eye:
         camera = make_twin_camera(
-            eye, twins.plant, twin.camera, np.random.default_rng([seed, 2]), clock
+            own_eye, twins.plant, twin.camera, np.random.default_rng([seed, 2]), clock
         )
     else:
         camera = None

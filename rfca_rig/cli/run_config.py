@@ -87,7 +87,7 @@ class RunConfig:
 @dataclass(frozen=True)
 class RunOptions:
     """The options as typed: names or paths of rig and protocol, a model in place of the nominal
-    one, folder of runs, and so on.
+    one, folder of runs, and so on. `camera` is a calibration in place of the rig file's.
     """
 
     rig: str
@@ -101,6 +101,7 @@ class RunOptions:
     is_quiet: bool = False
     viewing: Viewing | None = None
     faults: Sequence[str] = ()
+    camera: Path | None = None
 
 
 def make_run_config(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]) -> RunConfig:
@@ -112,9 +113,14 @@ def make_run_config(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]
     rig = read_rig(rig_path)
     plan = plan_of(protocol_path, rig.facts())
     # The calibration file need not exist where no photo is to be taken.
+    if asked.camera is not None and rig.camera is None:
+        raise BadInput(f"--camera {asked.camera}: {asked.rig} has no [camera]; add that section")
     if rig.camera is None or not plan.photos:
         eye = None
         camera_text = ""
+    elif asked.camera is not None:
+        camera_text = read_text(asked.camera)
+        eye = rig.eye_behind(camera_text, asked.camera)
     else:
         eye = rig.eye()
         camera_text = read_text(Path(rig.camera.calibration_file))

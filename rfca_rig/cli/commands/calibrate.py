@@ -1,5 +1,6 @@
 """rfca-rig calibrate camera"""
 
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,6 +11,8 @@ from rfca_rig.cli.options import Command, Json
 from rfca_rig.cli.terminal import echo
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rfca_rig.cli.terminal import Say
     from rfca_rig.description.camera_file import CameraFile, PlaneSection
     from rfca_rig.vision.board import Board, BoardPhoto, RefusedPhoto
@@ -122,10 +125,8 @@ def camera(
     """
     from rfca_rig.cli.options import out_file
     from rfca_rig.cli.progress import make_marked_say
-    from rfca_rig.description.camera_file import camera_file, write_camera_file
     from rfca_rig.errors import BadInput
     from rfca_rig.vision.board import parse_board
-    from rfca_rig.vision.camera_calibration import calibrate
 
     described = parse_board(board)
     if make_board is not None:
@@ -140,21 +141,48 @@ def camera(
     out_file(out)
     placement = _place(plane, board_at, shaft_px, turned, nearer, reach)
     say = make_marked_say("REAL", as_json)
-    calibration = calibrate([_find_board_in(file, described, say) for file in _files(photos)])
+    file = write_calibration(
+        _files(photos), described, PlanePhoto(plane, placement, shaft_px), out, say
+    )
+    if as_json:
+        echo(file.model_dump_json(indent=1))
+        return
+    for line in describe_calibration(file, out):
+        say(line)
+
+
+@dataclass(frozen=True)
+class PlanePhoto:
+    """The photo that places the plane of motion, None without one; where the board is in it, and
+    the pixel of the shaft axis where that was given instead.
+    """
+
+    file: Path | None
+    placement: "BoardPlacement"
+    shaft_px: str | None = None
+
+
+def write_calibration(
+    files: "Sequence[Path]", board: "Board", plane: PlanePhoto, out: Path, say: "Say"
+) -> "CameraFile":
+    """Calibrate a camera from photos of the board, and write its file.
+
+    Raises BadInput where the photos do not suffice.
+    """
+    from rfca_rig.description.camera_file import camera_file, write_camera_file
+    from rfca_rig.vision.camera_calibration import calibrate
+
+    calibration = calibrate([_find_board_in(file, board, say) for file in files])
     section = None
-    if plane is not None:
-        section = _plane(plane, calibration, described, placement, shaft_px)
-    file = camera_file(calibration, described.to_text(), section)
+    if plane.file is not None:
+        section = _plane(plane.file, calibration, board, plane.placement, plane.shaft_px)
+    file = camera_file(calibration, board.to_text(), section)
     write_camera_file(
         out,
         file,
         [f"A camera, calibrated with {len(calibration.photos)} photos of a ChArUco board."],
     )
-    if as_json:
-        echo(file.model_dump_json(indent=1))
-        return
-    for line in _lines(file, out):
-        say(line)
+    return file
 
 
 def _make_board(board: "Board", path: Path) -> None:
@@ -299,7 +327,8 @@ def _plane(
     )
 
 
-def _lines(file: "CameraFile", out: Path) -> list[str]:
+def describe_calibration(file: "CameraFile", out: Path) -> list[str]:
+    """Lines for a terminal."""
     lens = file.camera
     lines = [
         (

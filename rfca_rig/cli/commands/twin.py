@@ -1,4 +1,6 @@
-"""rfca-rig twin: the twin rig as a server for any client of the same wires."""
+"""rfca-rig twin: the twin rig as a server for any client of the same wires, and what is made from
+it.
+"""
 
 import json
 import socket
@@ -188,6 +190,39 @@ def serve(
         except KeyboardInterrupt:
             raise Stopped(f"stopped by the operator; {served.status()}") from None
         say(served.status())
+
+
+@app.command("board", cls=Command)
+def board(
+    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder for the photos.")],
+    rig: Rig = "twin",
+    seed: Seed = None,
+) -> None:
+    """Write photos of a ChArUco board through the twin's camera, to calibrate it as a lab does its
+    own.
+
+    Example: rfca-rig twin board board
+    """
+    from rfca_rig.bench.board_session import PLANE_CORNER_MM, PLANE_PHOTO, write_board_photos
+    from rfca_rig.cli.commands.calibrate import BOARD
+    from rfca_rig.cli.options import out_folder
+    from rfca_rig.cli.paths import find_rig
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.vision.board import parse_board
+
+    out_folder(folder)
+    with progress(quiet=False) as bars:
+        files = write_board_photos(
+            read_rig(find_rig(rig)), parse_board(BOARD), folder, seed, bars.counting("taking photos")
+        )
+    across_mm, up_mm = PLANE_CORNER_MM
+    echo(f"SIM {len(files)} photos of a board in {folder}", err=True)
+    echo(
+        f"next: rfca-rig calibrate camera {folder} --plane {folder / PLANE_PHOTO} "
+        f"--board-at {across_mm:g},{up_mm:g} --out camera.toml",
+        err=True,
+    )
 
 
 @app.command("conceal", cls=Command)

@@ -516,6 +516,14 @@ def run(
     protocol: Protocol = "static-angle",
     rig: Rig = "twin",
     model: Model = None,
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            "--camera",
+            metavar="FILE",
+            help="A camera as calibrate camera wrote it, in place of the rig file's.",
+        ),
+    ] = None,
     runs: Runs = Path("runs"),
     seed: Seed = None,
     operator: Operator = "",
@@ -551,6 +559,7 @@ def run(
         is_quiet=as_json,
         viewing=viewing,
         faults=fault or (),
+        camera=camera,
     )
     config = make_run_config(
         asked, lambda path, facts: static_plan(read_static(path).static_stages(), facts)
