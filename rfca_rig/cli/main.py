@@ -28,6 +28,7 @@ from rfca_rig.cli.commands import (
     export,
     fit,
     init,
+    paper,
     predict,
     prove,
     reference,
@@ -88,6 +89,7 @@ app.command("recover", cls=Command)(check.recover)
 app.command("check", cls=Command)(check.check)
 app.command("runs", cls=Command)(runs.runs)
 app.command("plan", cls=Command)(plan.plan)
+app.command("paper", cls=Command)(paper.paper)
 app.command("predict", cls=Command)(predict.predict)
 app.command("report", cls=Command)(report.report)
 app.command("fit", cls=Command)(fit.fit)

@@ -136,7 +136,7 @@ Pace = Annotated[
 
 # Every command stands in one group; the order is that of the help.
 GROUPS = {
-    "Measure": ("plan", "dynamic", "static", "fatigue", "resume"),
+    "Measure": ("plan", "dynamic", "static", "paper", "fatigue", "resume"),
     "Look": ("runs", "view", "trip"),
     "Understand": ("report", "fit", "diagnose", "reference", "crosscheck", "prove"),
     "Design": ("predict", "strip", "sweep"),

@@ -142,10 +142,10 @@ def save_picture(figure: Figure, path: Path) -> None:
         )
     drawn = io.BytesIO()
     kind = path.suffix.lower()
-    metadata: dict[str, None] | None = None
-    # Without its date, an SVG has the same bytes each time.
-    if kind == ".svg":
-        metadata = {"Date": None}
+    # Without its date, a picture has the same bytes each time.
+    metadata: dict[str, None] | None = {".svg": {"Date": None}, ".pdf": {"CreationDate": None}}.get(
+        kind
+    )
     figure.savefig(drawn, format=kind.lstrip("."), dpi=200, metadata=metadata)
     write_atomically(path, drawn.getvalue())
 

@@ -61,28 +61,7 @@ def draw_torque(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -
 
     def draw(axes: Axes) -> None:
         _draw_elastica(axes, elastica, lambda prediction: prediction.torque_Nm)
-        _draw_curve(axes, result.curve, result.curve.torque_Nm, flips=True)
-        other = result.other_curve
-        grid = other.grid_rad()
-        axes.plot(
-            _deg(other, grid),
-            other.bends * other.torque_Nm(grid)[0],
-            color=OTHER,
-            lw=1.0,
-            ls=DASHES["other"],
-        )
-        curve = result.curve
-        points = result.points
-        known = np.isfinite(points.phi_rad)
-        x = _deg(curve, points.phi_rad[known])
-        y = curve.bends * points.torque_Nm[known]
-        dx = np.degrees(points.phi_std_rad[known])
-        dy = points.torque_std_Nm[known]
-        axes.hlines(y, x - dx, x + dx, color=MEASURED, lw=0.5, alpha=0.6)
-        axes.vlines(x, y - dy, y + dy, color=MEASURED, lw=0.5, alpha=0.6)
-        _dots(axes, x, y, points.turned[known] < 0)
-        axes.set_ylim(*_limits(result))
-        axes.set_ylabel("torque of a hinge (N m)")
+        draw_torque_curve(axes, result)
 
     return _draw_figure(
         draw,
@@ -91,6 +70,34 @@ def draw_torque(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -
         "torque",
         "torque of a hinge over its rotation, measured points, curve with band, elastica",
     )
+
+
+def draw_torque_curve(axes: Axes, result: StaticResult) -> None:
+    """Draws measured points and the curve with its band, as in the paper's Fig. 7 (b); the other
+    form, law or spline, dashed.
+    """
+    _draw_curve(axes, result.curve, result.curve.torque_Nm, flips=True)
+    other = result.other_curve
+    grid = other.grid_rad()
+    axes.plot(
+        _deg(other, grid),
+        other.bends * other.torque_Nm(grid)[0],
+        color=OTHER,
+        lw=1.0,
+        ls=DASHES["other"],
+    )
+    curve = result.curve
+    points = result.points
+    known = np.isfinite(points.phi_rad)
+    x = _deg(curve, points.phi_rad[known])
+    y = curve.bends * points.torque_Nm[known]
+    dx = np.degrees(points.phi_std_rad[known])
+    dy = points.torque_std_Nm[known]
+    axes.hlines(y, x - dx, x + dx, color=MEASURED, lw=0.5, alpha=0.6)
+    axes.vlines(x, y - dy, y + dy, color=MEASURED, lw=0.5, alpha=0.6)
+    _dots(axes, x, y, points.turned[known] < 0)
+    axes.set_ylim(*_limits(result))
+    axes.set_ylabel("torque of a hinge (N m)")
 
 
 def draw_stiffness(result: StaticResult, elastica: Sequence[PredictedHingeCurve]) -> str:

@@ -96,7 +96,7 @@ def draw_overlay(compared: ComparedCondition, salt: str) -> OverlayDrawing:
             (float(r.t_s[-1]) for r in compared.repeats if len(r.t_s)),
             default=float(compared.simulated[0].stroke.t_s[-1]),
         )
-        _draw_force(force, compared, end_s, columns)
+        draw_force(force, compared, end_s, columns)
         _draw_residual(residual, compared, limit_N, columns)
         for axes in (force, residual):
             axes.set_xlim(-REST_DRAWN_S, end_s)
@@ -109,7 +109,7 @@ def draw_overlay(compared: ComparedCondition, salt: str) -> OverlayDrawing:
     return OverlayDrawing(svg, high - low, limit_N, beyond_N, compared.mean_phases().regions(end_s))
 
 
-def _draw_force(axes: Axes, compared: ComparedCondition, end_s: float, columns: int) -> None:
+def draw_force(axes: Axes, compared: ComparedCondition, end_s: float, columns: int) -> None:
     for model in compared.simulated:
         shown = model.stroke.t_s <= end_s
         axes.plot(
@@ -296,14 +296,14 @@ def write_crosscheck_picture(checked: Sequence[CheckedCondition], path: Path) ->
             2, len(checked), squeeze=False, sharex="col", sharey="row", height_ratios=(2.2, 1.0)
         )
         for column, condition in zip(axes.T, checked, strict=True):
-            _draw(column[0], column[1], condition)
+            draw_crosscheck(column[0], column[1], condition)
         axes[0, 0].set_ylabel("contact force (N)")
         axes[1, 0].set_ylabel("difference (N)")
         axes[0, 0].legend(frameon=False, fontsize=SMALL)
         save_picture(figure, path)
 
 
-def _draw(force: Axes, difference: Axes, condition: CheckedCondition) -> None:
+def draw_crosscheck(force: Axes, difference: Axes, condition: CheckedCondition) -> None:
     t_s = condition.ours.t_s
     force.plot(t_s, condition.contact_N, color=SIMULATED, lw=2.8, label="this model")
     force.plot(t_s, condition.theirs.normal_N, color=MEASURED, lw=0.7, label="MuJoCo")

@@ -1,6 +1,7 @@
 """rfca-rig static"""
 
 import math
+from dataclasses import dataclass
 from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -415,40 +416,69 @@ def report(
     """
     import json
 
+    from rfca_rig.cli.options import Printing
+    from rfca_rig.reports.static.files import summary
+
+    printing = Printing(pdf)
+    options = StaticReportOptions(
+        model, hinge_std_deg, marks_deg, force_gain_pct, as_is, allow_outside
+    )
+    result = write(paths, out, options, as_json)
+    if as_json:
+        echo(json.dumps(summary(result), indent=1))
+    else:
+        _say(result, out)
+    printing.print([out / "static.html"], as_json)
+
+
+@dataclass(frozen=True)
+class StaticReportOptions:
+    """The options of `static report` as typed."""
+
+    model: Path | None = None
+    hinge_std_deg: float | None = None
+    marks_deg: float = USUAL["--marks-deg"]
+    force_gain_pct: float = USUAL["--force-gain-pct"]
+    as_is: bool = False
+    allow_outside: bool = False
+
+    def typed(self) -> dict[str, object]:
+        """Those that are not their defaults, for the command in the page's foot."""
+        options: dict[str, object] = {
+            "--model": self.model,
+            "--hinge-std-deg": self.hinge_std_deg,
+            "--marks-deg": self.marks_deg,
+            "--force-gain-pct": self.force_gain_pct,
+            "--as-is": self.as_is,
+        }
+        return {name: value for name, value in options.items() if value != USUAL.get(name)}
+
+
+def write(
+    paths: "Sequence[Path]", out: Path, options: StaticReportOptions, quiet: bool
+) -> "StaticResult":
+    """Finds the torque-rotation curve of the recordings' stages and writes its report."""
     from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
     from rfca_rig.analysis.torque_rotation.stages import Instruments
     from rfca_rig.campaign.opening import open_recordings
-    from rfca_rig.cli.options import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.reports.provenance import command_line, origin_of
-    from rfca_rig.reports.static.files import summary, write_static_report
+    from rfca_rig.reports.static.files import write_static_report
     from rfca_rig.reports.static.tables import static_sources
 
-    printing = Printing(pdf)
-    recordings = open_recordings(paths, as_is, allow_outside)
-    instrument = {
-        "--hinge-std-deg": hinge_std_deg,
-        "--marks-deg": marks_deg,
-        "--force-gain-pct": force_gain_pct,
-    }
-    options: dict[str, object] = {"--model": model, **instrument, "--as-is": as_is}
-    command = command_line(
-        "static",
-        "report",
-        *paths,
-        options={name: value for name, value in options.items() if value != USUAL.get(name)},
-    )
-    nominal, known_to = read_nominal_values(recordings, model)
-    instruments = Instruments(0.01 * force_gain_pct, marks_deg)
-    with progress(as_json) as bars:
+    recordings = open_recordings(paths, options.as_is, options.allow_outside)
+    command = command_line("static", "report", *paths, options=options.typed())
+    nominal, known_to = read_nominal_values(recordings, options.model)
+    instruments = Instruments(0.01 * options.force_gain_pct, options.marks_deg)
+    with progress(quiet) as bars:
         result = evaluate(
             recordings,
-            StageAssumptions(nominal, known_to, instruments, hinge_std_deg),
+            StageAssumptions(nominal, known_to, instruments, options.hinge_std_deg),
             bars.counting("solving"),
         )
     model_name = None
-    if model:
-        model_name = model.name
+    if options.model:
+        model_name = options.model.name
     write_static_report(
         result,
         static_sources(paths, recordings),
@@ -458,11 +488,7 @@ def report(
         model_name,
         origin_of(command, paths, recordings),
     )
-    if as_json:
-        echo(json.dumps(summary(result), indent=1))
-    else:
-        _say(result, out)
-    printing.print([out / "static.html"], as_json)
+    return result
 
 
 def read_nominal_values(
