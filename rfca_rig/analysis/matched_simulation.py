@@ -141,7 +141,11 @@ def simulate_matching(
         taken_from = " and ".join(sorted({a.taken_from for a in averages}))
     end_s = DURATION_FACTOR * max(last_moment_s(stroke) for stroke in condition.strokes)
     simulated = simulate_stroke_at_speed(
-        rig, condition.height_m, speed_rad_s, make_grid(end_s), strokes_before=condition.strokes_before
+        rig,
+        condition.height_m,
+        speed_rad_s,
+        make_grid(end_s),
+        strokes_before=condition.strokes_before,
     )
     return (_counterpart(speed_rad_s, taken_from, simulated),)
 
@@ -171,9 +175,7 @@ def _motion_from_recording(rig: RigModel, stroke: Stroke) -> ShaftMotion:
         return follow(*angle)
     start_rad = rig.leg.start_angle_rad
     if speed is None:
-        return ramp_to_speed(
-            start_rad, stroke.speed_rad_s, rig.drive.ramp_s, last_moment_s(stroke)
-        )
+        return ramp_to_speed(start_rad, stroke.speed_rad_s, rig.drive.ramp_s, last_moment_s(stroke))
     t_s, speed_rad_s = speed
     # Trapezoidal rule; the turn is then shifted so that it is zero at the commanded start.
     turned = np.concatenate(

@@ -12,7 +12,7 @@ from rfca_rig.description.rig_file import RigFile
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.atomic import write_atomically
-from rfca_rig.twins.board_photos import photograph_board, poses_for_calibration, pose_in_plane
+from rfca_rig.twins.board_photos import photograph_board, pose_in_plane, poses_for_calibration
 from rfca_rig.vision.board import Board
 
 PLANE_PHOTO = "plane.png"

@@ -106,6 +106,13 @@ Pdf = Annotated[
         help="Print the pages as PDF too, with the Chromium, Chrome or Edge of this machine.",
     ),
 ]
+Figures = Annotated[
+    bool,
+    typer.Option(
+        "--figures",
+        help="Write every figure of the pages as SVG too, into the folder figures beside them.",
+    ),
+]
 Dry = Annotated[bool, typer.Option("--dry-run", help="Print and check the plan, move nothing.")]
 View = Annotated[
     bool,
@@ -193,21 +200,30 @@ Runs = Annotated[
 ]
 
 
-class Printing:
-    """Raises BadInput at once where PDFs are wanted and no browser is found."""
+class PageCopies:
+    """What is made of written pages: PDFs, and their figures as files. Raises BadInput at once
+    where PDFs are wanted and no browser is found.
+    """
 
-    def __init__(self, wanted: bool) -> None:
+    def __init__(self, pdf: bool, figures: bool = False) -> None:
         from rfca_rig.reports.pdf import find_browser
 
-        self._browser = find_browser() if wanted else None
+        self._browser = find_browser() if pdf else None
+        self._has_figures = figures
 
-    def print(self, pages: Iterable[Path], quiet: bool) -> None:
-        """Prints the pages; does nothing where no PDFs are wanted."""
+    def make(self, pages: Iterable[Path], quiet: bool) -> None:
+        """Makes the copies that are wanted."""
+        from rfca_rig.reports.page_figures import FOLDER, write_page_figures
         from rfca_rig.reports.pdf import print_pdfs
 
+        listed = list(pages)
+        if self._has_figures:
+            written = write_page_figures(listed)
+            if not quiet:
+                echo(f"{listed[0].parent / FOLDER}: {len(written)} figures as SVG", err=True)
         if self._browser is None:
             return
-        for printed in print_pdfs(self._browser, pages):
+        for printed in print_pdfs(self._browser, listed):
             if not quiet:
                 echo(f"{printed}: the same page, printed", err=True)
 

@@ -40,6 +40,8 @@ ALIKE = "#8fa9c6"
 PALE = "#e4e0d8"
 FAINT = "#8a8a8a"
 PAPER = "#fffefb"
+# Words in a figure that stand back.
+SOFT = "#555555"
 
 STYLE: dict[Any, Any] = {
     "font.size": 9.2,
@@ -393,7 +395,7 @@ def _name_colours(svg: str) -> str:
     """The drawing with palette colours as variables of the page's style sheet, and black as the
     colour of the text.
     """
-    for name, value in {**colours(), "soft": "#555555"}.items():
+    for name, value in {**colours(), "soft": SOFT}.items():
         svg = svg.replace(value, f"var(--{name})")
     return re.sub(r"#000000\b", "currentColor", svg)
 

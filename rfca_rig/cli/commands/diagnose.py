@@ -15,6 +15,7 @@ from rfca_rig.cli.options import (
     AllowOutside,
     AsIs,
     Cluster,
+    Figures,
     Json,
     Pdf,
     Rig,
@@ -263,13 +264,14 @@ def diagnose(
     as_is: AsIs = False,
     allow_outside: AllowOutside = False,
     pdf: Pdf = False,
+    figures: Figures = False,
     as_json: Json = False,
 ) -> None:
     """Find where model and recordings differ, which physics the model omits, and how sure that is.
 
     Example: rfca-rig diagnose runs/SIM-table-ii-001 --out diagnosis
     """
-    from rfca_rig.cli.options import Printing
+    from rfca_rig.cli.options import PageCopies
     from rfca_rig.cli.reveal import describe_reveal, open_concealed
     from rfca_rig.diagnosis.config import check_known_of_any_rig
     from rfca_rig.diagnosis.opening import open_problem
@@ -290,8 +292,8 @@ def diagnose(
         law_at=law,
         minutes=minutes,
     )
-    printing = Printing(pdf)
-    _check_options(each, close_the_loop, law, pdf)
+    copies = PageCopies(pdf, figures)
+    _check_options(each, close_the_loop, law, pdf or figures)
     _check_reference(bool(reference), each, close_the_loop)
     if each and reveals:
         raise BadInput("--reveal: is about one diagnosis; leave out --each")
@@ -341,16 +343,16 @@ def diagnose(
     _say(diagnosis, paths, out, as_json)
     for line in describe_reveal(concealed, diagnosis):
         echo(line, err=as_json)
-    printing.print([out / "diagnosis.html"], as_json)
+    copies.make([out / "diagnosis.html"], as_json)
 
 
-def _check_options(each: bool, close_the_loop: bool, law: str, pdf: bool) -> None:
+def _check_options(each: bool, close_the_loop: bool, law: str, has_copies: bool) -> None:
     """Raises BadInput for options that do not go together."""
     from rfca_rig.errors import BadInput
 
-    if each and pdf:
+    if each and has_copies:
         raise BadInput(
-            "--pdf prints one diagnosis; with --each, print the pages that matter by themselves"
+            "--pdf and --figures are of one diagnosis; with --each, diagnose what matters by itself"
         )
     if law and (each or close_the_loop):
         raise BadInput(

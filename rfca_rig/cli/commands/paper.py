@@ -69,8 +69,8 @@ def paper(
     pdf: Pdf = False,
     as_json: Json = False,
 ) -> None:
-    """Section IV of the paper as one command: camera, static stages, torque-rotation curve, strokes,
-    Table II with nothing fitted to them, cross-check, figures.
+    """Section IV of the paper as one command: static stages, torque-rotation curve, strokes, Table
+    II with nothing fitted to them, cross-check, figures.
 
     The same command goes on where it was stopped. A twin's camera is calibrated first; on a real
     rig calibrate camera has done that before.
@@ -80,10 +80,10 @@ def paper(
     import json
 
     from rfca_rig.cli.commands.measure import static
-    from rfca_rig.cli.options import Printing
+    from rfca_rig.cli.options import PageCopies
     from rfca_rig.reports.paper.page import HTML, describe_result, summarize, write_paper
 
-    printing = Printing(pdf)
+    copies = PageCopies(pdf)
     measuring = Measuring(rig, static_protocol, protocol, after_trip, seed, operator, sample)
     if paths:
         static_paths, stroke_paths = _split_paths(paths)
@@ -105,7 +105,7 @@ def paper(
             echo(line, err=True)
         echo(f"{out / HTML}: Table I and II, Fig. 7", err=True)
         echo(f"next: {_following(out, stroke_paths)}", err=True)
-    printing.print([out / HTML], as_json)
+    copies.make([out / HTML], as_json)
 
 
 @dataclass(frozen=True)
@@ -309,9 +309,7 @@ class Recorded:
         return list(dict.fromkeys([*self.static_paths, *self.stroke_paths]))
 
 
-def _evaluate(
-    curve: "StaticResult", recorded: Recorded, out: Path, quiet: bool
-) -> "Reproduction":
+def _evaluate(curve: "StaticResult", recorded: Recorded, out: Path, quiet: bool) -> "Reproduction":
     """Comparison and cross-check; the report on the strokes is written into `out`."""
     from dataclasses import replace
 

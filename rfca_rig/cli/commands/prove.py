@@ -9,7 +9,7 @@ import typer
 
 from rfca_rig.cli.commands import diagnose
 from rfca_rig.cli.names import CASE_KINDS
-from rfca_rig.cli.options import Cluster, Json, Pdf, Workers, open_executor
+from rfca_rig.cli.options import Cluster, Figures, Json, Pdf, Workers, open_executor
 from rfca_rig.cli.terminal import echo, print_lines
 from rfca_rig.escaping import json_text
 
@@ -72,6 +72,7 @@ def prove(
         ),
     ] = False,
     pdf: Pdf = False,
+    figures: Figures = False,
     as_json: Json = False,
 ) -> None:
     """Blind benchmark of the diagnosis: campaigns of another simulator, with hidden ground truth
@@ -81,12 +82,12 @@ def prove(
 
     Example: rfca-rig prove --out exam --seed 1 --cases 40
     """
-    from rfca_rig.cli.options import Printing
+    from rfca_rig.cli.options import PageCopies
     from rfca_rig.errors import BadInput
     from rfca_rig.exam.scored import score_exam, score_exam_so_far
     from rfca_rig.reports.exam.page import write_exam
 
-    printing = Printing(pdf)
+    copies = PageCopies(pdf, figures)
     if so_far:
         if follows or takes_out:
             raise BadInput(
@@ -99,7 +100,7 @@ def prove(
         result = score_exam(out)
     write_exam(result, out)
     _tell(result, out, as_json)
-    printing.print([out / "exam.html"], as_json)
+    copies.make([out / "exam.html"], as_json)
 
 
 def _work(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.options import Command, Json, out_folder
+from rfca_rig.cli.options import Command, Figures, Json, PageCopies, out_folder
 from rfca_rig.cli.terminal import echo
 from rfca_rig.errors import BadInput, RigError
 
@@ -114,6 +114,7 @@ def history(
             help="Folder for history.html, .csv and .json.",
         ),
     ] = Path("history"),
+    figures: Figures = False,
     as_json: Json = False,
 ) -> None:
     """Show how the values of a rig have changed since its reference, run by run: stiffness,
@@ -131,6 +132,7 @@ def history(
     if as_json:
         echo(json.dumps(found.plain(), indent=1))
         return
+    PageCopies(pdf=False, figures=figures).make([out / HTML], as_json)
     echo(found.sentence())
     for folder, why in found.left_out:
         echo(f"left out {folder}: {why}", err=True)

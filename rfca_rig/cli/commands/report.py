@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.options import AllowOutside, AsIs, Json, Model, Pdf, out_folder
+from rfca_rig.cli.options import (
+    AllowOutside,
+    AsIs,
+    Figures,
+    Json,
+    Model,
+    PageCopies,
+    Pdf,
+    out_folder,
+)
 from rfca_rig.cli.terminal import echo
 from rfca_rig.escaping import json_text
 
@@ -58,6 +67,7 @@ def report(
     as_is: AsIs = False,
     allow_outside: AllowOutside = False,
     pdf: Pdf = False,
+    figures: Figures = False,
     as_json: Json = False,
 ) -> None:
     """Compare recordings with the model: Table II and overlays of measured and simulated force; and
@@ -73,7 +83,9 @@ def report(
     from rfca_rig.reports.problems import ComparisonOptions
 
     options = ComparisonOptions(shaft.value if shaft else None, model, as_is)
-    write(paths, out, options, as_json, quiet=as_json, pdf=pdf, allow_outside=allow_outside)
+    # First: a missing browser must be reported before the work, not after it.
+    copies = PageCopies(pdf, figures)
+    write(paths, out, options, as_json, quiet=as_json, copies=copies, allow_outside=allow_outside)
 
 
 def write(
@@ -82,7 +94,7 @@ def write(
     options: "ComparisonOptions",
     as_json: bool,
     quiet: bool,
-    pdf: bool = False,
+    copies: "PageCopies | None" = None,
     allow_outside: bool = False,
 ) -> None:
     """Writes the report and prints where it is.
@@ -99,18 +111,15 @@ def write(
         Print the comparison as JSON.
     quiet : bool
         Print nothing else.
-    pdf : bool
-        Print the pages as PDF too.
+    copies : PageCopies, optional
+        What is made of the pages.
     allow_outside : bool
         Follow links to files outside a folder.
     """
-    from rfca_rig.cli.options import Printing
     from rfca_rig.cli.progress import progress
     from rfca_rig.diagnosis.opening import open_problem
     from rfca_rig.reports.problems import write_comparison
 
-    # First: a missing browser must be reported before the work, not after it.
-    printing = Printing(pdf)
     problem = open_problem(paths, options.as_is, allow_outside, options.model)
     with progress(quiet) as bars:
         written = write_comparison(problem, out, options, bars.share)
@@ -119,4 +128,5 @@ def write(
     if not quiet:
         for line in written.lines:
             echo(line, err=True)
-    printing.print(written.pages, quiet)
+    if copies is not None:
+        copies.make(written.pages, quiet)

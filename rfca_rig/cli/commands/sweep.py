@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.options import Cluster, Json, Model, Workers
+from rfca_rig.cli.options import Cluster, Figures, Json, Model, PageCopies, Workers
 from rfca_rig.cli.terminal import echo
 from rfca_rig.escaping import json_text
 
@@ -87,6 +87,7 @@ def sweep(
             help="Print the sweeps in sweeps/, what can be varied and what can be put out.",
         ),
     ] = False,
+    figures: Figures = False,
     as_json: Json = False,
 ) -> None:
     """Design questions: any parameters of the model over grids or samples, any outputs, to CSV,
@@ -119,7 +120,8 @@ def sweep(
     # Completed cases are on disk, so the same command continues.
     except KeyboardInterrupt:
         raise Stopped("stopped by the operator; the same command goes on where it stood") from None
-    _report(result, folder, [*command, "--out", folder], as_json)
+    page = _report(result, folder, [*command, "--out", folder], as_json)
+    PageCopies(pdf=False, figures=figures).make([page], as_json)
 
 
 def _plan_and_command(
@@ -218,17 +220,19 @@ def _run_sweep(
         return run_sweep(plan, folder, executor, clocks, bars.report)
 
 
-def _report(result: "SweepResult", folder: Path, command: list[str | Path], as_json: bool) -> None:
+def _report(result: "SweepResult", folder: Path, command: list[str | Path], as_json: bool) -> Path:
+    """Writes the page and says what was found; its path."""
     from rfca_rig.reports.provenance import command_line
     from rfca_rig.reports.sweep.page import HTML, JSON, lines, write_summary
 
     write_summary(result, folder, command_line(*command))
     if as_json:
         echo(json_text((folder / JSON).read_text(encoding="utf-8")), nl=False)
-        return
+        return folder / HTML
     for line in lines(result):
         echo(line)
     echo(f"{folder / HTML}: figures and definitions; all cases in sweep.csv and sweep.h5", err=True)
+    return folder / HTML
 
 
 def _print_estimate(plan: "SweepPlan", workers: int | None, as_json: bool) -> None:

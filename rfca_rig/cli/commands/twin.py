@@ -214,7 +214,11 @@ def board(
     out_folder(folder)
     with progress(quiet=False) as bars:
         files = write_board_photos(
-            read_rig(find_rig(rig)), parse_board(BOARD), folder, seed, bars.counting("taking photos")
+            read_rig(find_rig(rig)),
+            parse_board(BOARD),
+            folder,
+            seed,
+            bars.counting("taking photos"),
         )
     across_mm, up_mm = PLANE_CORNER_MM
     echo(f"SIM {len(files)} photos of a board in {folder}", err=True)

@@ -240,9 +240,9 @@ def describe_result(reproduction: Reproduction) -> list[str]:
         "measured values in their predicted 95 % interval",
     ]
     if reproduction.checked:
+        apart = format_significant(average_pct(reproduction.checked), 2)
         lines.append(
-            f"contact force against MuJoCo: {format_significant(average_pct(reproduction.checked), 2)} % "
-            f"(the paper against RecurDyn: {PAPER_PCT:g} %)"
+            f"contact force against MuJoCo: {apart} % (the paper against RecurDyn: {PAPER_PCT:g} %)"
         )
     else:
         lines.append(f"no cross-check: {reproduction.not_checked}")
@@ -296,12 +296,16 @@ def make_page(
             "Table II: nothing fitted to strokes",
             [as_html(make_table2(reproduction)), as_html(make_valley_table(reproduction))],
         ),
-        PageSection("Fig. 7 (c) and on: strokes", [_stroke_legend(), division("figures", *strokes)]),
+        PageSection(
+            "Fig. 7 (c) and on: strokes", [_stroke_legend(), division("figures", *strokes)]
+        ),
         PageSection(
             "Fig. 7 (b): torque over rotation",
             [by_letter["b"], as_html(values_table(reproduction.static))],
         ),
-        PageSection("Fig. 7 (a): cross-check", [by_letter.get("a") or _say_not_checked(reproduction)]),
+        PageSection(
+            "Fig. 7 (a): cross-check", [by_letter.get("a") or _say_not_checked(reproduction)]
+        ),
         PageSection("Table I: materials", [as_html(make_material_table())]),
         PageSection("Steps", [_list_steps(context.steps)]),
     ]
@@ -362,4 +366,6 @@ def _list_steps(steps: Sequence[PaperStep]) -> Markup:
         if step.page:
             words = link(step.page, step.words)
         items.append(html("<li>{}<br>{}</li>", words, code(step.command)))
-    return html("<ol>\n{}\n</ol>\n{}", join("\n", items), aside("Each command does its step alone."))
+    return html(
+        "<ol>\n{}\n</ol>\n{}", join("\n", items), aside("Each command does its step alone.")
+    )

@@ -1,7 +1,7 @@
 """Fig. 7 (a) to (f) of the paper for one leg, and the numbers behind them as CSV.
 
-(a) is the contact force of the model and of MuJoCo, (b) torque over rotation of a hinge. From (c) on
-each figure is a condition: the whole stroke, and the surroundings of its valley enlarged.
+(a) is the contact force of the model and of MuJoCo, (b) torque over rotation of a hinge. From (c)
+on each figure is a condition: the whole stroke, and the surroundings of its valley enlarged.
 """
 
 from collections.abc import Iterable
@@ -21,6 +21,7 @@ from rfca_rig.analysis.valley_uncertainty import PredictedValley
 from rfca_rig.escaping import csv_line
 from rfca_rig.reports.static.pictures import draw_torque_curve
 from rfca_rig.reports.strokes.overlay import draw_crosscheck, draw_force
+from rfca_rig.reports.strokes.traces import trace_csv
 from rfca_rig.reports.style import MEASURED, OTHER, SIMULATED, SMALL, envelope
 
 Floats = NDArray[np.float64]
@@ -35,8 +36,6 @@ CHECK_IN = (4.9, 3.7)
 AROUND_VALLEY_S = 0.12
 # Points of a line.
 COLUMNS = 330
-# Bins of the measured force in a CSV file.
-BIN_S = 1e-3
 DASHES = (0, (3.2, 1.8))
 
 
@@ -98,7 +97,9 @@ def _draw_valley(axes: Axes, shown: ReproducedCondition) -> None:
     limits_s = (middle_s - AROUND_VALLEY_S, middle_s + AROUND_VALLEY_S)
     lows = []
     for model in shown.average.simulated:
-        lows.append(_plot_within(axes, model.stroke.t_s, model.stroke.fz_N, limits_s, SIMULATED, 2.8))
+        lows.append(
+            _plot_within(axes, model.stroke.t_s, model.stroke.fz_N, limits_s, SIMULATED, 2.8)
+        )
     for repeat in shown.average.repeats:
         if len(repeat.t_s):
             lows.append(_plot_within(axes, repeat.t_s, repeat.fz_N, limits_s, MEASURED, 0.55))
@@ -175,24 +176,13 @@ def _box_of(valley: PredictedValley) -> tuple[tuple[float, float], tuple[float, 
 
 
 def stroke_csv(shown: ReproducedCondition) -> str:
-    """fz of the figure over time, in bins of 1 ms: each repeat, the model with its shaft at the
-    average speed, and the model along the recorded shaft of each repeat.
+    """fz of the figure over time: each repeat, the model with its shaft at the average speed, and
+    the model along the recorded shaft of each repeat.
     """
-    columns: dict[str, Floats] = {}
-    end_s = max(
-        [float(model.stroke.t_s[-1]) for model in shown.recorded.simulated]
-        + [float(repeat.t_s[-1]) for repeat in shown.average.repeats if len(repeat.t_s)]
-    )
-    edges_s = BIN_S * np.arange(0, int(end_s / BIN_S) + 1)
-    middles_s = edges_s[:-1] + 0.5 * BIN_S
-    columns["t_s"] = middles_s
-    for repeat in shown.average.repeats:
-        columns[f"measured_{repeat.repeat}_N"] = _mean_in_bins(repeat.t_s, repeat.fz_N, edges_s)
-    for model in shown.average.simulated:
-        columns["model_average_speed_N"] = _interpolate(model, middles_s)
+    along_shaft = {}
     for repeat, model in zip(shown.recorded.repeats, shown.recorded.simulated, strict=True):
-        columns[f"model_recorded_shaft_{repeat.repeat}_N"] = _interpolate(model, middles_s)
-    return _columns_csv(columns)
+        along_shaft[f"along_shaft_{repeat.repeat}_fz_N"] = model
+    return trace_csv(shown.average, along_shaft)
 
 
 def check_csv(checked: Iterable[CheckedCondition]) -> str:
@@ -210,25 +200,4 @@ def check_csv(checked: Iterable[CheckedCondition]) -> str:
                     (height_mm, speed_rad_s, f"{t_s:.4f}", f"{model_N:.6g}", f"{mujoco_N:.6g}")
                 )
             )
-    return "".join(lines)
-
-
-def _interpolate(model: MatchedSimulation, t_s: Floats) -> Floats:
-    """NaN after the end of the simulation."""
-    return np.interp(t_s, model.stroke.t_s, model.stroke.fz_N, right=np.nan)
-
-
-def _mean_in_bins(t_s: Floats, values: Floats, edges_s: Floats) -> Floats:
-    """Mean of the samples in each bin, NaN where there is none."""
-    sums, _ = np.histogram(t_s, edges_s, weights=values)
-    counts, _ = np.histogram(t_s, edges_s)
-    means = np.full(len(counts), np.nan)
-    np.divide(sums, counts, out=means, where=counts > 0)
-    return means
-
-
-def _columns_csv(columns: dict[str, Floats]) -> str:
-    lines = [csv_line(tuple(columns))]
-    for row in zip(*columns.values(), strict=True):
-        lines.append(csv_line(tuple(f"{value:.6g}" if np.isfinite(value) else "" for value in row)))
     return "".join(lines)

@@ -23,6 +23,7 @@ from rfca_rig.reports.style import (
     SIMULATED,
     SIMULATED_EDGE,
     SMALL,
+    SOFT,
     Hover,
     check_picture_path,
     drawing,
@@ -196,7 +197,7 @@ def _mark_phases(axes: Axes, phases: StrokePhases, end_s: float) -> None:
             ha=side,
             va="bottom",
             fontsize=SMALL,
-            color="#555555",
+            color=SOFT,
         )
     for region in phases.regions(end_s):
         span_s = [region.begin_s, region.end_s]

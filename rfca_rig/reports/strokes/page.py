@@ -28,6 +28,7 @@ from rfca_rig.model.tabulated_law import kind_of
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
 from rfca_rig.recording.model import Recording
 from rfca_rig.reports.elements import (
+    csv_links,
     division,
     figure,
     html,
@@ -54,6 +55,7 @@ from rfca_rig.reports.strokes.tables import (
     peaks_as_table,
     stage_tables,
 )
+from rfca_rig.reports.strokes.traces import trace_csv
 from rfca_rig.reports.table import Table, TableColumn, TableRow, table_files, write_all
 from rfca_rig.reports.templates import render_page
 from rfca_rig.reports.text import (
@@ -413,9 +415,8 @@ def _strokes(sources: Sequence[ComparedSource], shaft: Shaft) -> PageSection:
         legend_diamond("var(--edge)", "var(--simulated)", "simulated valley"),
     )
     several = sum(bool(source.compared) for source in sources) > 1
-    all_compared = [(source, compared) for source in sources for compared in source.compared]
     figures = []
-    for number_of, (source, compared) in enumerate(all_compared, start=1):
+    for number_of, (source, compared) in enumerate(_list_compared(sources), start=1):
         title_of_source = ""
         if several:
             title_of_source = source.name
@@ -425,11 +426,14 @@ def _strokes(sources: Sequence[ComparedSource], shaft: Shaft) -> PageSection:
             f"{regions_sentence(compared, drawn)} "
             f"{rms_sentence(compared)} {scales_sentence(drawn)}"
         )
+        shown_caption = html(
+            "{} {}", keep_units_together(caption), csv_links(_name_traces(number_of))
+        )
         figures.append(
             figure(
                 compared.condition.label,
                 drawn.svg,
-                keep_units_together(caption),
+                shown_caption,
                 number_of,
                 title_of_source,
             )
@@ -437,6 +441,18 @@ def _strokes(sources: Sequence[ComparedSource], shaft: Shaft) -> PageSection:
     return PageSection(
         "Strokes", [colours, paragraph(REGIONS_DEFINITION), division("figures", *figures)]
     )
+
+
+def _list_compared(
+    sources: Sequence[ComparedSource],
+) -> list[tuple[ComparedSource, ComparedCondition]]:
+    """All conditions with their sources, in the order of their figures."""
+    return [(source, compared) for source in sources for compared in source.compared]
+
+
+def _name_traces(number_of: int) -> str:
+    """File with the curves of a figure."""
+    return f"strokes-{number_of}.csv"
 
 
 def _static_stages(sources: Sequence[ComparedSource]) -> PageSection | None:
@@ -601,6 +617,10 @@ def write_report(
         **table_files((shown, shown_peaks)),
         "table2.json": as_json(table),
         "peak-forces.json": peaks_as_json(peaks),
+        **{
+            _name_traces(number_of): trace_csv(compared)
+            for number_of, (_, compared) in enumerate(_list_compared(sources), start=1)
+        },
     }
     write_all(
         out_dir,

@@ -14,6 +14,7 @@ from rfca_rig.cli.options import (
     Command,
     Dry,
     Fault,
+    Figures,
     Json,
     Model,
     Operator,
@@ -407,6 +408,7 @@ def report(
     as_is: AsIs = False,
     allow_outside: AllowOutside = False,
     pdf: Pdf = False,
+    figures: Figures = False,
     as_json: Json = False,
 ) -> None:
     """The hinges' torque over rotation from photographed static stages: curve, stiffness, errors,
@@ -416,10 +418,10 @@ def report(
     """
     import json
 
-    from rfca_rig.cli.options import Printing
+    from rfca_rig.cli.options import PageCopies
     from rfca_rig.reports.static.files import summary
 
-    printing = Printing(pdf)
+    copies = PageCopies(pdf, figures)
     options = StaticReportOptions(
         model, hinge_std_deg, marks_deg, force_gain_pct, as_is, allow_outside
     )
@@ -428,7 +430,7 @@ def report(
         echo(json.dumps(summary(result), indent=1))
     else:
         _say(result, out)
-    printing.print([out / "static.html"], as_json)
+    copies.make([out / "static.html"], as_json)
 
 
 @dataclass(frozen=True)
