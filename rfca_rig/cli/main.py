@@ -28,7 +28,6 @@ from rfca_rig.cli.commands import (
     export,
     fit,
     init,
-    paper,
     predict,
     prove,
     reference,
@@ -37,7 +36,7 @@ from rfca_rig.cli.commands import (
     sweep,
     twin,
 )
-from rfca_rig.cli.commands.measure import dynamic, fatigue, plan, resume, static
+from rfca_rig.cli.commands.measure import dynamic, fatigue, paper, plan, resume, static
 from rfca_rig.cli.names import add_completions
 from rfca_rig.cli.options import Command, CommandGroup, ProgramGroup
 from rfca_rig.cli.terminal import echo, open_null, use_ascii_fallback

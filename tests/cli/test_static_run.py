@@ -355,3 +355,47 @@ def test_a_run_that_trips_keeps_its_stages_with_their_photos_read(here, monkeypa
     assert [stage.photo for stage in kept.static] == ["photos/001.png"]
     assert np.isfinite(kept.static[0].hinge_deg).all()
     assert "with 2.8 N m from the motor" in kept.provenance["ended"]
+
+
+@pytest.mark.long
+def test_another_calibration_reads_the_same_photos_of_the_twins_own_camera(
+    two_stages, here, monkeypatch, capsys
+):
+    folder, answer = two_stages
+    own = (ROOT / "calibration" / "twin-camera.toml").read_text()
+    # Without its distortion the lens bends the leg.
+    other = own.replace("distortion = [-0.09, 0.06,", "distortion = [0.0, 0.0,")
+    assert other != own
+    (here / "other.toml").write_text(other)
+    said = static_run(
+        here,
+        monkeypatch,
+        capsys,
+        (75.0, "loading"),
+        (90.0, "loading"),
+        words=("--camera", "other.toml", "--json"),
+    )
+    assert said.exit_code == 0, said.err
+    again = json.loads(said.out)
+    photo = answer["stages"][0]["photo"]
+    assert (here / again["run"] / photo).read_bytes() == (folder / photo).read_bytes()
+    assert read_recording(here / again["run"] / "run.h5").provenance["camera_file"] == other
+    apart_deg = np.abs(
+        np.subtract(again["stages"][0]["hinge_deg"], answer["stages"][0]["hinge_deg"])
+    )
+    assert 0.01 < apart_deg.max() < 1.0
+
+
+def test_a_camera_for_a_rig_without_one_is_one_line(here, monkeypatch, capsys):
+    text = (ROOT / "calibration" / "twin.toml").read_text()
+    (here / "blind.toml").write_text(text[: text.index("\n[camera]")])
+    (here / "other.toml").write_text((ROOT / "calibration" / "twin-camera.toml").read_text())
+    said = static_run(
+        here,
+        monkeypatch,
+        capsys,
+        (75.0, "loading"),
+        words=("--rig", "blind.toml", "--camera", "other.toml"),
+    )
+    assert said.exit_code == 2
+    assert "--camera other.toml: blind.toml has no [camera]" in said.err

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rfca_rig.cli.options import Json, Rig, out_file
+from rfca_rig.cli.options import Json, Model, Rig, out_file
 from rfca_rig.cli.terminal import echo, print_lines
 
 if TYPE_CHECKING:
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 def crosscheck(
     rig: Rig = "twin",
+    model: Model = None,
     protocol: Annotated[
         str,
         typer.Option(
@@ -45,6 +46,7 @@ def crosscheck(
     from rfca_rig.analysis.mujoco_leg import load_mujoco
     from rfca_rig.cli.paths import find_file, find_rig
     from rfca_rig.cli.progress import announce_first_compile, progress
+    from rfca_rig.description.model_file import read_model_file
     from rfca_rig.description.protocol_file import read_dynamic
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput
@@ -56,12 +58,13 @@ def crosscheck(
     load_mujoco()
     if picture is not None:
         check_picture_path(picture)
-    model = read_rig(find_rig(rig)).model()
+    source = read_model_file(model) if model else read_rig(find_rig(rig))
+    checked_model = source.model()
     # MuJoCo would simulate another leg, and the difference would be taken for an error of the
     # model.
-    if model.effects:
+    if checked_model.effects:
         raise BadInput(
-            f"{rig}: has effects switched on; MuJoCo computes the plain leg and ground "
+            f"{model or rig}: has effects switched on; MuJoCo computes the plain leg and ground "
             "only, take the [[effects]] out"
         )
     plan = read_dynamic(find_file("protocols", protocol))
@@ -71,11 +74,11 @@ def crosscheck(
         alike = bars.counting("the same contact in both")
         own_count = bars.counting("MuJoCo's own contact")
         same_ground = [
-            check_condition(model, condition, plan.sweep_deg)
+            check_condition(checked_model, condition, plan.sweep_deg)
             for condition in iterate_with_progress(conditions, alike)
         ]
         own_contact = [
-            check_own_contact(model, condition, plan.sweep_deg)
+            check_own_contact(checked_model, condition, plan.sweep_deg)
             for condition in iterate_with_progress(conditions, own_count)
         ]
     if picture is not None:

@@ -415,7 +415,8 @@ def _say(diagnosis: "Diagnosis", paths: Sequence[Path], out: Path, as_json: bool
     for line in terminal_lines(diagnosis):
         echo(line)
     echo(f"{out / 'diagnosis.html'}: the whole answer", err=True)
-    if command := name_comparison(diagnosis, paths, out / MODEL):
+    recordings = [str(path) for path in paths]
+    if command := name_comparison(diagnosis, recordings, str(out / MODEL)):
         echo(f"the recordings beside the new model: {command}", err=True)
     # The command for the proposed experiment, where the rig can do it.
     proposal = diagnosis.next_experiment

@@ -176,9 +176,11 @@ def opening(diagnosis: Diagnosis, context: PageContext) -> Markup:
     return join("\n", [paragraph(title, "of"), stated, division("opening", steps, picture)])
 
 
-def name_comparison(diagnosis: Diagnosis, recordings: Sequence[Path], model: Path) -> str:
+def name_comparison(
+    diagnosis: Diagnosis, recordings: Sequence[Path | str], model: Path | str
+) -> str:
     """The command that compares recordings of a leg with the model of a diagnosis; "" where that
-    model has nothing new.
+    model has nothing new. Paths are shown as on a page, texts as they are.
     """
     has_new_values = diagnosis.effects and diagnosis.left_out
     if not (recordings and has_new_values):

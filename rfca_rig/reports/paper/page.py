@@ -233,6 +233,8 @@ def describe_result(reproduction: Reproduction) -> list[str]:
     """The result in lines for a terminal, which the page states too."""
     paper_time, paper_force = PAPER_AVERAGE_ERROR_PCT
     inside, known = reproduction.inside
+    if not known:
+        return ["no stroke has a measured and a predicted valley"]
     lines = [
         f"nothing fitted to strokes, shaft at its average speed: {_errors(reproduction.table2)} "
         f"(the paper: {paper_time} and {paper_force} %)",
@@ -313,15 +315,17 @@ def make_page(
 
 
 def _headline(reproduction: Reproduction) -> str:
-    return (
-        "From static stages to strokes: the valley is met to "
-        f"{_errors(reproduction.table2_recorded)}"
-    )
+    table = reproduction.table2_recorded
+    if table.average_time_error_pct is None:
+        return "From static stages to strokes"
+    return f"From static stages to strokes: the valley is met to {_errors(table)}"
 
 
 def _standfirst(reproduction: Reproduction) -> str:
     paper_time, paper_force = PAPER_AVERAGE_ERROR_PCT
     inside, known = reproduction.inside
+    if not known:
+        return "No stroke has a measured and a predicted valley."
     return (
         "The springs of the model come from static stages and its other values from the rig file. "
         "Nothing is fitted to strokes. The numbers above hold along the recorded shaft, where "

@@ -24,7 +24,14 @@ from rfca_rig.analysis.torque_rotation.static_result import (
     predict_hinge_curves,
     remarks,
 )
-from rfca_rig.reports.provenance import Origin, PageContext, find_pages, origin_in_memory
+from rfca_rig.reports.provenance import (
+    Origin,
+    PageContext,
+    PageLink,
+    command_line,
+    find_pages,
+    origin_in_memory,
+)
 from rfca_rig.reports.static.page import page
 from rfca_rig.reports.static.tables import (
     StaticSource,
@@ -41,6 +48,24 @@ MODEL_NAME = "model.toml"
 CURVE_NAME = "model-curve.toml"
 # Largest angle of the predicted elastica: its grooves meet at 90 degrees.
 FARTHEST_RAD = float(np.radians(85.0))
+
+
+def choose_model_name(result: StaticResult) -> str:
+    """The model file to go on with: that with the law where the law holds, else that with the
+    measured curve; "" where neither can be written.
+    """
+    possible = {MODEL_NAME: can_be_written(result), CURVE_NAME: can_curve_be_written(result)}
+    names = [MODEL_NAME, CURVE_NAME]
+    if not result.form.holds:
+        names.reverse()
+    return next((name for name in names if possible[name]), "")
+
+
+def suggest_strokes(model: Path | str) -> str:
+    """The command that flaps with the measured springs as the model. A path is shown as on a page,
+    a text as it is.
+    """
+    return command_line("dynamic", "run", options={"--protocol": "table2", "--model": model})
 
 
 def stages_table(result: StaticResult, sources: Sequence[StaticSource]) -> Table:
@@ -260,7 +285,12 @@ def write_static_report(
         CURVE_NAME: (can_curve_be_written(result), write_curve),
     }
     known_origin = origin or origin_in_memory([source.recording for source in sources])
-    context = PageContext(known_origin, find_pages(out, known_origin, ("static.html",)), model_file)
+    links = find_pages(out, known_origin, ("static.html",))
+    model_name = choose_model_name(result)
+    if model_name:
+        following = suggest_strokes(out / model_name)
+        links = (*links, PageLink("", "Strokes with these springs", following))
+    context = PageContext(known_origin, links, model_file)
     curve = curve_table(result.curve, int(result.data.seen.sum()))
     contents = {
         **table_files((values_table(result), hinges_table(result), curve)),

@@ -37,8 +37,9 @@ def trace_csv(
     ends_s = [float(repeat.t_s[-1]) for repeat in compared.repeats if len(repeat.t_s)]
     if not ends_s:
         ends_s = [float(model.stroke.t_s[-1]) for model in compared.simulated]
-    edges_s = BIN_S * np.arange(int(max(ends_s) / BIN_S) + 1, dtype=np.float64)
-    middles_s = edges_s[:-1] + 0.5 * BIN_S
+    # Whole milliseconds are in the middle of a bin, where the samples of a sensor with 1 kHz are.
+    middles_s = BIN_S * np.arange(int(max(ends_s) / BIN_S) + 1, dtype=np.float64)
+    edges_s = np.append(middles_s - 0.5 * BIN_S, middles_s[-1] + 0.5 * BIN_S)
     columns = {"t_s": middles_s}
     for repeat in compared.repeats:
         means = _average_in_bins(repeat.t_s, repeat.fz_N, edges_s)

@@ -516,6 +516,7 @@ def read_nominal_values(
 
 def _say(result: "StaticResult", out: Path) -> None:
     from rfca_rig.analysis.torque_rotation.static_result import remarks
+    from rfca_rig.reports.static.files import choose_model_name, suggest_strokes
     from rfca_rig.reports.static.page import bend_sentence
 
     values = result.values
@@ -528,6 +529,9 @@ def _say(result: "StaticResult", out: Path) -> None:
         f"k2 {values.k2_per_rad2:.3f} +- {values.reach * values.k2_std:.3f} 1/rad2 (95 %)",
         err=True,
     )
+    model_name = choose_model_name(result)
+    if model_name:
+        echo(f"next: {suggest_strokes(str(out / model_name))}", err=True)
 
 
 app.command("photos", cls=Command)(photos)

@@ -10,7 +10,7 @@ from rfca_rig.cli.options import Json, Operator, Pdf, Rig, Sample, Seed, out_fol
 from rfca_rig.cli.terminal import echo
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from rfca_rig.analysis.reproduction import Reproduction
     from rfca_rig.analysis.torque_rotation.static_result import StaticResult
@@ -22,7 +22,15 @@ RUNS = "runs"
 BOARD_PHOTOS = "board"
 CAMERA = "camera.toml"
 STATIC_REPORT = "static-report"
+# Defaults of options, which the command in the page's foot leaves out.
+USUAL = {
+    "--rig": "twin",
+    "--static-protocol": "static-angle",
+    "--protocol": "table2",
+    "--seed": None,
+}
 REPORT = "report"
+DIAGNOSIS = "diagnosis"
 
 
 def paper(
@@ -84,27 +92,29 @@ def paper(
     from rfca_rig.reports.paper.page import HTML, describe_result, summarize, write_paper
 
     copies = PageCopies(pdf)
-    measuring = Measuring(rig, static_protocol, protocol, after_trip, seed, operator, sample)
+    measuring = None
     if paths:
         static_paths, stroke_paths = _split_paths(paths)
     else:
+        measuring = Measuring(rig, static_protocol, protocol, after_trip, seed, operator, sample)
         static_paths = [_measure_stages(out, measuring)]
     curve = static.write(
         static_paths, out / STATIC_REPORT, static.StaticReportOptions(), quiet=as_json
     )
     model = _choose_model(curve, out / STATIC_REPORT)
-    if not paths:
+    if measuring is not None:
         stroke_paths = [_measure_strokes(out, measuring, model)]
     recorded = Recorded(static_paths, stroke_paths, model)
     reproduction = _evaluate(curve, recorded, out, as_json)
-    write_paper(reproduction, out, _describe_work(recorded, out, _command_line(paths, out, rig)))
+    write_paper(reproduction, out, _describe_work(recorded, out, measuring))
     if as_json:
         echo(json.dumps(summarize(reproduction), indent=1))
     else:
         for line in describe_result(reproduction):
             echo(line, err=True)
         echo(f"{out / HTML}: Table I and II, Fig. 7", err=True)
-        echo(f"next: {_following(out, stroke_paths)}", err=True)
+        following = _following(str(out / DIAGNOSIS), [str(path) for path in stroke_paths])
+        echo(f"next: {following}", err=True)
     copies.make([out / HTML], as_json)
 
 
@@ -119,6 +129,16 @@ class Measuring:
     seed: int | None
     operator: str
     sample: str
+
+    def typed(self) -> dict[str, object]:
+        """Those that are not their defaults, for the command in the page's foot."""
+        options: dict[str, object] = {
+            "--rig": self.rig,
+            "--static-protocol": self.static_protocol,
+            "--protocol": self.protocol,
+            "--seed": self.seed,
+        }
+        return {name: value for name, value in options.items() if value != USUAL.get(name)}
 
 
 def _split_paths(paths: "Sequence[Path]") -> tuple[list[Path], list[Path]]:
@@ -155,12 +175,16 @@ def _has_angles(recording: "Recording") -> bool:
 def _measure_stages(out: Path, measuring: Measuring) -> Path:
     """The folder of the static run: recorded now, continued where it was stopped, or as it is."""
     from rfca_rig.cli.commands.measure import static
-    from rfca_rig.cli.paths import find_rig
+    from rfca_rig.cli.paths import find_file, find_rig
+    from rfca_rig.description.protocol_file import read_dynamic, read_static
     from rfca_rig.description.rig_file import read_rig
     from rfca_rig.errors import BadInput
 
     rig_path = find_rig(measuring.rig)
     rig = read_rig(rig_path)
+    # All files are read before anything is made or moves.
+    read_static(find_file("protocols", measuring.static_protocol))
+    read_dynamic(find_file("protocols", measuring.protocol))
     if rig.camera is None:
         raise BadInput(
             f"{rig_path}: has no [camera], and the springs come from photographed stages; add that "
@@ -279,20 +303,17 @@ def _find_run(runs: Path, experiment: str) -> Path:
 
 
 def _choose_model(result: "StaticResult", report: Path) -> Path:
-    """The model file with the law, or with the measured curve where the law does not hold. Raises
-    BadInput where neither could be written.
-    """
+    """The model file with the measured springs. Raises BadInput where none could be written."""
     from rfca_rig.errors import BadInput
-    from rfca_rig.reports.static.files import CURVE_NAME, MODEL_NAME
+    from rfca_rig.reports.static.files import choose_model_name
 
-    names = [MODEL_NAME, CURVE_NAME] if result.form.holds else [CURVE_NAME, MODEL_NAME]
-    for name in names:
-        if (report / name).is_file():
-            return report / name
-    raise BadInput(
-        f"{report / 'static.html'}: the torque-rotation curve falls somewhere, and no model can "
-        "follow it; look at the page, and measure the stages again"
-    )
+    name = choose_model_name(result)
+    if not name:
+        raise BadInput(
+            f"{report / 'static.html'}: the torque-rotation curve falls somewhere, and no model "
+            "can follow it; look at the page, and measure the stages again"
+        )
+    return report / name
 
 
 @dataclass(frozen=True)
@@ -345,76 +366,82 @@ def _evaluate(curve: "StaticResult", recorded: Recorded, out: Path, quiet: bool)
     return replace(reproduction, checked=checked)
 
 
-def _describe_work(recorded: Recorded, out: Path, command: str) -> "PaperContext":
-    """Origin, recordings and steps for the page."""
+def _describe_work(recorded: Recorded, out: Path, measuring: Measuring | None) -> "PaperContext":
+    """Origin, recordings and steps for the page; `measuring` is None where recordings were
+    given.
+    """
     from rfca_rig.campaign.opening import open_recordings
     from rfca_rig.reports.paper.page import PaperContext
-    from rfca_rig.reports.provenance import origin_of
+    from rfca_rig.reports.provenance import command_line, origin_of
 
     recordings = open_recordings(recorded.paths)
+    if measuring is None:
+        command = command_line("paper", *recorded.paths, options={"--out": out})
+    else:
+        command = command_line("paper", options={**measuring.typed(), "--out": out})
     return PaperContext(
         origin_of(command, recorded.paths, recordings),
         tuple((recording.source, recording.title) for recording in recordings),
-        _list_steps(recorded, out),
-        _following(out, recorded.stroke_paths),
+        tuple(_list_steps(recorded, out, measuring)),
+        _following(out / DIAGNOSIS, recorded.stroke_paths),
     )
 
 
-def _list_steps(recorded: Recorded, out: Path) -> "tuple[PaperStep, ...]":
-    """The steps as commands that do each of them alone; paths as a page shows them."""
+def _list_steps(
+    recorded: Recorded, out: Path, measuring: Measuring | None
+) -> "Iterator[PaperStep]":
+    """The steps with the commands that do each of them alone."""
+    from rfca_rig.bench.board_session import PLANE_CORNER_MM, PLANE_PHOTO
     from rfca_rig.reports.paper.page import PaperStep
     from rfca_rig.reports.provenance import command_line
 
-    static_report = out / STATIC_REPORT
-    report = out / REPORT
+    camera = out / CAMERA
     model = recorded.model
-    steps = [
-        (
-            "Static stages, photographed",
-            command_line("static", "run", options={"--camera": out / CAMERA}),
-            "",
-        ),
-        (
-            "Torque over rotation",
-            command_line(
-                "static", "report", *recorded.static_paths, options={"--out": static_report}
-            ),
-            f"{STATIC_REPORT}/static.html",
-        ),
-        (
-            "Strokes",
-            command_line("dynamic", "run", options={"--protocol": "table2", "--model": model}),
-            "",
-        ),
-        (
-            "Every stroke over the model, its shaft at the average speed",
-            command_line(
-                "report", *recorded.stroke_paths, options={"--model": model, "--out": report}
-            ),
-            f"{REPORT}/report.html",
-        ),
-        ("Contact force by MuJoCo", command_line("crosscheck"), ""),
-    ]
-    if (out / CAMERA).is_file():
-        calibrate = command_line(
-            "calibrate", "camera", out / BOARD_PHOTOS, options={"--out": out / CAMERA}
+    rig = measuring.typed().get("--rig") if measuring else None
+    if camera.is_file() and measuring:
+        board = out / BOARD_PHOTOS
+        across_mm, up_mm = PLANE_CORNER_MM
+        options: dict[str, object] = {
+            "--plane": board / PLANE_PHOTO,
+            "--board-at": f"{across_mm:g},{up_mm:g}",
+            "--out": camera,
+        }
+        calibrate = command_line("calibrate", "camera", board, options=options)
+        yield PaperStep("Camera, from photos of a board", calibrate)
+    if measuring:
+        options = {
+            "--protocol": measuring.static_protocol,
+            "--rig": rig,
+            "--camera": camera if camera.is_file() else None,
+        }
+        yield PaperStep(
+            "Static stages, photographed", command_line("static", "run", options=options)
         )
-        steps.insert(0, ("Camera, from photos of a board", calibrate, ""))
-    return tuple(PaperStep(*step) for step in steps)
+    yield PaperStep(
+        "Torque over rotation",
+        command_line(
+            "static", "report", *recorded.static_paths, options={"--out": out / STATIC_REPORT}
+        ),
+        f"{STATIC_REPORT}/static.html",
+    )
+    if measuring:
+        options = {"--protocol": measuring.protocol, "--rig": rig, "--model": model}
+        yield PaperStep("Strokes", command_line("dynamic", "run", options=options))
+    options = {"--model": model, "--out": out / REPORT}
+    yield PaperStep(
+        "Every stroke over the model, its shaft at the average speed",
+        command_line("report", *recorded.stroke_paths, options=options),
+        f"{REPORT}/report.html",
+    )
+    yield PaperStep(
+        "Contact force by MuJoCo", command_line("crosscheck", options={"--model": model})
+    )
 
 
-def _command_line(paths: "Sequence[Path] | None", out: Path, rig: str) -> str:
-    """The command that makes the page again."""
+def _following(out: Path | str, stroke_paths: "Sequence[Path | str]") -> str:
+    """The next step: what the model lacks, where it is wrong. Paths are shown as on a page, texts
+    as they are.
+    """
     from rfca_rig.reports.provenance import command_line
 
-    options: dict[str, object] = {"--out": out}
-    if not paths and rig != "twin":
-        options["--rig"] = rig
-    return command_line("paper", *(paths or ()), options=options)
-
-
-def _following(out: Path, stroke_paths: "Sequence[Path]") -> str:
-    """The next step: what the model lacks, where it is wrong."""
-    from rfca_rig.reports.provenance import command_line
-
-    return command_line("diagnose", *stroke_paths, options={"--out": out / "diagnosis"})
+    return command_line("diagnose", *stroke_paths, options={"--out": out})
