@@ -97,9 +97,8 @@ class PredictedValley:
 
     @cached_property
     def _stds(self) -> tuple[float | None, float | None]:
-        stds = np.sqrt(np.sum(self.effects**2, axis=0))
-        time_s, fz_N = (float(std) if np.isfinite(std) else None for std in stds)
-        return time_s, fz_N
+        variances = np.sum(self.effects**2, axis=0)
+        return _root_or_none(variances[0]), _root_or_none(variances[1])
 
     @property
     def time(self) -> PredictedQuantity:
@@ -110,6 +109,12 @@ class PredictedValley:
     def fz(self) -> PredictedQuantity:
         """In N."""
         return PredictedQuantity(self.row.simulated_fz_N, self._stds[1], self.row.fz)
+
+
+def _root_or_none(variance: float) -> float | None:
+    if np.isfinite(variance):
+        return sqrt(variance)
+    return None
 
 
 def predict_valley(

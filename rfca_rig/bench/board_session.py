@@ -54,7 +54,9 @@ def write_board_photos(
             f"{rig.rig.title}: the photos are those of a twin's camera; name a rig file of kind "
             "twin with [camera]"
         )
-    random = np.random.default_rng([rig.twin.seed if seed is None else seed, 3])
+    if seed is None:
+        seed = rig.twin.seed
+    random = np.random.default_rng([seed, 3])
     disturbance = rig.twin.camera.disturbance()
     corner_m = (1e-3 * PLANE_CORNER_MM[0], 1e-3 * PLANE_CORNER_MM[1])
     poses = poses_for_calibration(board, eye.camera)

@@ -208,7 +208,9 @@ def _twin_bench(
     twins = _put_together(rig, twin, generator, faults.on_bus(twins_end), pair.twin)
     clock.carry(faults.with_faults(twins.world.process, twins.motor))
     # Its photos are those of its own camera, whatever calibration they are read with.
-    own_eye = rig.eye() if eye else None
+    own_eye = None
+    if eye:
+        own_eye = rig.eye()
     # A third generator, so that photos change neither the sensor's noise nor the scatter.
     if own_eye:
         camera = make_twin_camera(

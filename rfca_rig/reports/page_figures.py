@@ -56,7 +56,9 @@ def extract_figures(page: str) -> dict[str, str]:
         if any(css in attributes for css in NOT_ALONE):
             continue
         named = NAME.search(attributes)
-        words = named["name"] if named else ""
+        words = ""
+        if named is not None:
+            words = named["name"]
         slug = re.sub(r"[^a-z0-9]+", "-", words.lower()).strip("-")[:NAME_LENGTH].strip("-")
         name = f"{len(figures) + 1:02d}-{slug}".strip("-")
         figures[name] = _stand_alone(attributes, match["drawing"], words)

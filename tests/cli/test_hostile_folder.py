@@ -68,6 +68,8 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ("static", "run", "--protocol", "protocols/static-angle.toml", "--runs", "static-runs"),
     ("static", "report", "{static}", "--out", "static-report"),
     ("static", "photos", "{static}", "calibration", "--camera", "calibration/twin-camera.toml"),
+    ("paper", "small-campaign", "--out", "paper"),
+    ("twin", "board", "board"),
     ("static", "load", "--shaft", "30", "--down", "-20"),
     ("static", "force", "--angles", "30,-4.1,-4.9,-5.1,-4.6,-3.4,-1.8"),
     ("fatigue", "run", "--cycles", "1", "--runs", "fatigue-runs"),

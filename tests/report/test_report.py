@@ -33,7 +33,9 @@ KEYS = [
 RUN_TABLES = ("conditions", "hinge-angles", "stages", "static-readings")
 TABLES = [f"run-{name}.{kind}" for name in RUN_TABLES for kind in ("csv", "tex")]
 PEAKS = [f"peak-forces.{kind}" for kind in ("csv", "json", "tex")]
-FILES = [*PEAKS, "report.html", *TABLES, "run.html", "table2.csv", "table2.json", "table2.tex"]
+TRACES = ["strokes-1.csv", "strokes-2.csv"]
+TABLE_2 = ["table2.csv", "table2.json", "table2.tex"]
+FILES = [*PEAKS, "report.html", *TABLES, "run.html", *TRACES, *TABLE_2]
 
 
 def written(folder, *recordings, **options):

@@ -355,7 +355,9 @@ def _show(shown: PaperFigure, svg: str) -> Markup:
         ],
     )
     caption = html("{} {}.", shown.caption, files)
-    css = "" if shown.is_of_strokes else "small"
+    css = "small"
+    if shown.is_of_strokes:
+        css = ""
     return figure(f"({shown.letter}) {shown.title}", svg, caption, css=css)
 
 

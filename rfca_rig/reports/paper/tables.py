@@ -104,7 +104,9 @@ def _yes_or_no(quantity: PredictedQuantity) -> str:
     inside = quantity.is_inside
     if inside is None:
         return "not known"
-    return "yes" if inside else "no"
+    if inside:
+        return "yes"
+    return "no"
 
 
 def _name_sources(valley: PredictedValley) -> str:
@@ -133,15 +135,17 @@ def make_material_table() -> Table:
         strips = paper_strips(material)
         density_g_cm3 = 1e-3 * material.density_kg_m3
         modulus_GPa = 1e-9 * material.youngs_modulus_Pa
+        # Two digits of the softest one, two decimals of the others, as in the paper.
+        specific_modulus = f"{modulus_GPa / density_g_cm3:.2f}"
+        if modulus_GPa < density_g_cm3:
+            specific_modulus = f"{modulus_GPa / density_g_cm3:.2g}"
         rows.append(
             TableRow(
                 {
                     "material": material.name,
                     "density_g_cm3": f"{density_g_cm3:.2f}",
                     "youngs_modulus_GPa": f"{modulus_GPa:g}",
-                    "specific_modulus": f"{modulus_GPa / density_g_cm3:.2g}"
-                    if modulus_GPa < density_g_cm3
-                    else f"{modulus_GPa / density_g_cm3:.2f}",
+                    "specific_modulus": specific_modulus,
                     "poisson_ratio": f"{material.poisson_ratio:g}",
                     "strength_MPa": f"{1e-6 * material.bending_strength_Pa:g}",
                     "EI_N_m2": f"{strips.bending_stiffness_Nm2:.3g}",
