@@ -17,18 +17,17 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.compare import ComparedCondition, Table2Row, make_table2_row
 from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
-from rfca_rig.analysis.fitting.residuals import StrokeMotion, list_motions, simulate_points
+from rfca_rig.analysis.fitting.residuals import list_motions, simulate_points
 from rfca_rig.analysis.matched_simulation import (
     DURATION_FACTOR,
     Shaft,
     last_moment_s,
-    make_grid,
 )
 from rfca_rig.analysis.phases import Valley, find_valley
 from rfca_rig.analysis.repeats import Condition, Spread
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.parameters import RigModel
-from rfca_rig.model.stroke import Job, SimulatedStroke
+from rfca_rig.model.stroke import SimulatedStroke
 
 Floats = NDArray[np.float64]
 
@@ -153,7 +152,7 @@ def predict_valley(
     for step in np.eye(len(prior.std)):
         points.append(prior.at(step))
         points.append(prior.at(-step))
-    by_point = simulate_points([_RestingFirst(turn).job for turn in turns], points)
+    by_point = simulate_points([turn.job for turn in turns], points)
     valleys = np.array([_mean_valley(strokes, weights) for strokes in by_point])
     effects = 0.5 * (valleys[0::2] - valleys[1::2])
     return PredictedValley(make_table2_row(compared, source), prior.names, effects)
@@ -171,19 +170,6 @@ def _end_of_simulation_s(condition: Condition, shaft: Shaft) -> float:
         if angle is not None:
             lasts_s.append(float(angle[0][-1]))
     return min(lasts_s)
-
-
-@dataclass(frozen=True)
-class _RestingFirst:
-    """A motion whose simulation begins with the rest before it: the valley needs that level."""
-
-    turn: StrokeMotion
-
-    def job(self, point: ModelPoint) -> Job:
-        job = self.turn.job(point)
-        return Job(
-            job.rig, job.height_m, job.motion, make_grid(self.turn.end_s), None, job.strokes_before
-        )
 
 
 def _mean_valley(

@@ -12,6 +12,8 @@ from rfca_rig.analysis.matched_simulation import simulate_matching
 from rfca_rig.analysis.repeats import Spread, group_by_condition
 from rfca_rig.analysis.valley_uncertainty import PredictedQuantity, predict_valley
 from rfca_rig.description.model_file import nominal_model
+from rfca_rig.recording.model import Column, Stream
+from tests.analysis import traces
 from tests.report.recordings import BELIEVED, strokes
 
 RIG = nominal_model(BELIEVED)
@@ -52,6 +54,59 @@ def test_the_height_counts_though_it_is_no_value_of_the_model():
     lower = replace(CONDITION, height_m=CONDITION.height_m - 1e-3 * HEIGHT_STD_MM)
     difference = 0.5 * (mean_valley(RIG, higher) - mean_valley(RIG, lower))
     assert valley.effects[0] == pytest.approx(difference, rel=0.05, abs=2e-5)
+
+
+def with_angle(stroke, change):
+    """The stroke with another record of its shaft angle."""
+    t_s, angle_rad = stroke.channel("shaft_angle_rad")
+    fz = stroke.channel("fz_N")
+    return traces.stroke(
+        fz[0],
+        fz[1],
+        height_m=stroke.height_m,
+        speed_rad_s=stroke.speed_rad_s,
+        repeat=stroke.repeat,
+        shaft_angle_rad=change(t_s, angle_rad),
+    )
+
+
+def test_every_repeat_counts_with_its_own_turn():
+    first, second = CONDITION.strokes
+    # The second shaft turns 3 % farther.
+    ahead = with_angle(second, lambda _, angle_rad: angle_rad + 0.03 * (angle_rad - angle_rad[0]))
+    two_turns = replace(CONDITION, strokes=(first, ahead))
+    known_to = {"friction_coefficient": FRICTION_STD}
+    valley = predict_valley(
+        compare_condition(RIG, two_turns, "recorded"), RIG, known_to, "recorded", ""
+    )
+    sides = [mean_valley(with_friction(by), two_turns) for by in (FRICTION_STD, -FRICTION_STD)]
+    assert valley.effects[0] == pytest.approx(0.5 * (sides[0] - sides[1]), rel=1e-3, abs=1e-5)
+    alone = predicted(known_to)
+    assert abs(valley.effects[0, 0] - alone.effects[0, 0]) > 1e-5
+
+
+def shorten_angle(stroke, end_s):
+    """The stroke with its shaft angle in a stream of its own, recorded until `end_s`."""
+    (stream,) = stroke.streams.values()
+    kept = stream.t_s <= end_s
+    angle = stream.columns["shaft_angle_rad"]
+    shaft = Stream(stream.t_s[kept], {"shaft_angle_rad": Column(angle.raw[kept], angle.unit)})
+    force = Stream(stream.t_s, {"fz_N": stream.columns["fz_N"]})
+    return replace(stroke, streams={"shaft": shaft, "force": force})
+
+
+@pytest.mark.parametrize(("end_s", "is_known"), [(1.25, True), (0.9, False)])
+def test_nothing_is_predicted_after_the_last_recorded_angle(end_s, is_known):
+    short = [shorten_angle(stroke, end_s) for stroke in CONDITION.strokes]
+    condition = replace(CONDITION, strokes=tuple(short))
+    compared = compare_condition(RIG, condition, "recorded")
+    known_to = {"friction_coefficient": FRICTION_STD}
+    valley = predict_valley(compared, RIG, known_to, "recorded", "")
+    assert (valley.fz.predicted is not None) == is_known
+    assert (valley.fz.std is not None) == is_known
+    if is_known:
+        whole = predicted(known_to).effects[0]
+        assert valley.effects[0] == pytest.approx(whole, rel=0.02, abs=2e-5)
 
 
 def test_independent_values_add_in_quadrature():
