@@ -53,6 +53,11 @@ class WallClock:
             time.sleep(left_s)
 
 
+# Date and time at which every twin's clock is zero: fixed, so that simulated recordings are
+# reproducible.
+TWIN_START = datetime(2000, 1, 1, tzinfo=UTC)
+
+
 class TwinClock:
     """Simulated time: it advances only in `wait_until`, and advances the twins with it.
 
@@ -71,8 +76,7 @@ class TwinClock:
         return self._now_s
 
     def start_time(self) -> datetime:
-        # A fixed date keeps simulated recordings reproducible.
-        return datetime(2000, 1, 1, tzinfo=UTC)
+        return TWIN_START
 
     def wall_time(self) -> datetime:
         return self.start_time() + timedelta(seconds=self._now_s)

@@ -102,6 +102,33 @@ class BusHealth:
 _OFF = "CAN bus is off after too many errors; check wiring and bit rate, then restart the interface"
 
 
+def arrival_s(message: can.Message, since_s: float, drained_s: float, wall_s: float) -> float:
+    """Host time in s at which a frame arrived, by the stamp that the bus gave it.
+
+    Frames wait in the bus until the next drain. Where both keep the same beat they wait equally
+    long every time, so that no shortest delay shows it.
+
+    Parameters
+    ----------
+    message
+        A frame. Sockets of Linux stamp frames with the system time of their arrival; some adapters
+        with a time of their own, or not at all.
+    since_s, drained_s
+        Host times of the drain before and of this one.
+    wall_s
+        System time in s since 1970, read with `drained_s`.
+
+    Returns
+    -------
+    float
+        `drained_s` where the stamp is not from the time between both drains.
+    """
+    waited_s = wall_s - message.timestamp
+    if 0.0 <= waited_s <= drained_s - since_s:
+        return drained_s - waited_s
+    return drained_s
+
+
 def receive_frames(
     bus: can.BusABC, health: BusHealth, remedy: str = EMERGENCY_STOP_REMEDY
 ) -> Iterator[can.Message]:

@@ -12,7 +12,12 @@ import can
 import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.drivers.can_frames import MAX_READ_PAUSE_S, BusHealth, receive_frames
+from rfca_rig.drivers.can_frames import (
+    MAX_READ_PAUSE_S,
+    BusHealth,
+    arrival_s,
+    receive_frames,
+)
 from rfca_rig.drivers.device_time import FrameCount
 from rfca_rig.drivers.reading_check import (
     POSITION,
@@ -200,9 +205,10 @@ class DriveReceiver(ABC):
         # arrival.
         before_s = self.drained_s
         self.drained_s = self._clock.now_s()
+        wall_s = self._clock.wall_time().timestamp()
         try:
             for message in receive_frames(self._bus, self.health, self._remedy):
-                self._take(message)
+                self._take(message, arrival_s(message, before_s, self.drained_s, wall_s))
         # Reports decoded before a failure are still stamped and handed out. After a long pause
         # frames may be missing anywhere.
         finally:
@@ -215,9 +221,9 @@ class DriveReceiver(ABC):
         return ShaftSamples(*rows.T)
 
     @abstractmethod
-    def _take(self, message: can.Message) -> None:
-        """Takes in one frame. A report with known time becomes a row: host and device time, shaft
-        angle, speed and torque.
+    def _take(self, message: can.Message, arrived_s: float) -> None:
+        """Takes in one frame that arrived at this host time. A report with known time becomes a
+        row: host and device time, shaft angle, speed and torque.
         """
 
     def _stamp(self, is_whole: bool) -> None:  # noqa: B027 (nothing to do where reports are not counted)
@@ -303,8 +309,8 @@ class DriveReports(DriveReceiver):
         self._check = ReadingCheck("the drive", POSITION, SPEED, TORQUE)
         self._temperature = OptionalReading("the drive", TEMPERATURE)
         self._asked_s = self._stamped_s = self._open_s = self._first_s = np.nan
-        # Reports that have no time stamp yet.
-        self._arrived: list[Report] = []
+        # Reports that have no time stamp yet, with the host times of their arrival.
+        self._arrived: list[tuple[Report, float]] = []
         self.last: Report | None = None
         self.restarted: str | None = None
         self.angle_rad = self.speed_rad_s = np.nan
@@ -322,7 +328,7 @@ class DriveReports(DriveReceiver):
         if np.isnan(self._open_s):
             self._open_s = self._asked_s
 
-    def _take(self, message: can.Message) -> None:
+    def _take(self, message: can.Message, arrived_s: float) -> None:
         try:
             report = self._understand(message)
         # A plug-in decoder raises these on a frame of the wrong length or content; other exceptions
@@ -335,7 +341,7 @@ class DriveReports(DriveReceiver):
         if report is None:
             self._foreign.add(message.arbitration_id)
         else:
-            self._arrived.append(report)
+            self._arrived.append((report, arrived_s))
 
     def _stamp(self, is_whole: bool) -> None:
         reports = self._arrived
@@ -353,9 +359,9 @@ class DriveReports(DriveReceiver):
         # A refused report keeps its place until then, because the time of the others comes from
         # counting.
         stamps_s = self._list_stamps(len(timed))
-        is_good = [self._accept(report) for report in timed]
+        is_good = [self._accept(report) for report, _ in timed]
         gear = self._gear
-        for device_s, report, good in zip(stamps_s, timed, is_good, strict=True):
+        for device_s, (report, arrived_s), good in zip(stamps_s, timed, is_good, strict=True):
             if not good:
                 continue
             self.angle_rad = (report.turns - gear.zero_turns) * gear.shaft_rad_per_turn
@@ -368,7 +374,7 @@ class DriveReports(DriveReceiver):
             if self._count is not None or not device_s <= self._stamped_s:
                 torque_Nm = report.torque_Nm * gear.shaft_torque_per_drive_torque
                 self._rows.append(
-                    (self.drained_s, device_s, self.angle_rad, self.speed_rad_s, torque_Nm)
+                    (arrived_s, device_s, self.angle_rad, self.speed_rad_s, torque_Nm)
                 )
             self._stamped_s = device_s
 

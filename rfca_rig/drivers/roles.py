@@ -19,9 +19,9 @@ Floats = NDArray[np.float64]
 class ShaftSamples:
     """Motor samples since the last `read`; every column has shape (m,).
 
-    `host_s` is the host clock when the sample was drained. `device_s` is the drive's own time, 0 at
-    its first sample. `angle_rad`, `speed_rad_s` and `torque_Nm` are those of the shaft, after gear,
-    direction and zero.
+    `host_s` is the host clock when the sample arrived, or was drained where the bus does not say.
+    `device_s` is the drive's own time, 0 at its first sample. `angle_rad`, `speed_rad_s` and
+    `torque_Nm` are those of the shaft, after gear, direction and zero.
     """
 
     host_s: Floats

@@ -179,8 +179,9 @@ def host_offset_s(host_s: Floats, device_s: Floats) -> float:
     """Seconds to add to a device's own time to get the host's: the smallest delay is the best
     estimate of none.
 
-    Bias: late by the shortest delay from device to host, which is well below a millisecond on CAN
-    and on a local network.
+    Bias: late by the shortest delay from device to host. On CAN that is the time on the wire where
+    the bus stamps its frames, else up to one period of the reports; on a local network well below a
+    millisecond.
 
     Parameters
     ----------

@@ -14,6 +14,7 @@ import can
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.clock import TWIN_START
 from rfca_rig.errors import DeviceError
 
 Floats = NDArray[np.float64]
@@ -22,6 +23,13 @@ Floats = NDArray[np.float64]
 SLACK = 1e-6
 
 NO_TIMES = np.empty(0)
+
+
+def stamp_s(at_s: float) -> float:
+    """Time stamp of a CAN frame that a twin sends at a time of its clock: seconds since 1970, as a
+    socket of Linux stamps the frames that arrive.
+    """
+    return TWIN_START.timestamp() + at_s
 
 
 class CanEnd(can.BusABC):

@@ -25,7 +25,7 @@ from rfca_rig.twins.drive_parts import (
     SpeedLoop,
     ThermalParameters,
 )
-from rfca_rig.twins.wires import SampleGrid
+from rfca_rig.twins.wires import SampleGrid, stamp_s
 from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion
 
 # Error codes of the drive.
@@ -88,6 +88,7 @@ class CubemarsMitTwin(DriveTwin):
         self._error = 0
         self._zero_rad = settings.zero_rad
         self._zero_wanted = False
+        self._now_s = 0.0
         self._mute_until_s = 0.0
         self._fed_s = 0.0
         self._unanswered = 0
@@ -99,6 +100,7 @@ class CubemarsMitTwin(DriveTwin):
         """Executes received frames; invalid ones are ignored. Commands feed the watchdog,
         special frames do not.
         """
+        self._now_s = now_s
         while (message := self._bus.recv(timeout=0)) is not None:
             mine = message.arbitration_id == self._settings.drive_id and not message.is_extended_id
             if (
@@ -240,7 +242,14 @@ class CubemarsMitTwin(DriveTwin):
         if identifier is None:
             identifier = settings.drive_id
         data = mit.encode_reply(self._ranges, reply)
-        self._bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+        self._bus.send(
+            can.Message(
+                arbitration_id=identifier,
+                data=data,
+                is_extended_id=False,
+                timestamp=stamp_s(self._now_s),
+            )
+        )
 
     def stale_set_point(self) -> Sequence[can.Message]:
         """A position at a high speed, with torque."""
@@ -433,10 +442,11 @@ class CubemarsServoTwin(DriveTwin):
             most_rad = self._pace_rad_s * elapsed_s
             self._wanted.angle_rad += min(max(way_rad, -most_rad), most_rad)
         due_s = self._status_ticks.until(now_s).tolist()
-        for angle_rad, speed_rad_s in interpolate_motion(due_s, elapsed_s, now_s, before, after):
-            self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
+        motion = interpolate_motion(due_s, elapsed_s, now_s, before, after)
+        for at_s, (angle_rad, speed_rad_s) in zip(due_s, motion, strict=True):
+            self._report(at_s, angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
 
-    def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
+    def _report(self, at_s: float, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
         reported_deg, speed_rad_s = self.encoder.report(
             self._zero_deg + self._settings.direction * degrees(angle_rad), speed_rad_s
         )
@@ -454,7 +464,14 @@ class CubemarsServoTwin(DriveTwin):
             error=self._error,
         )
         frame = servo.status(self._settings.drive_id, status)
-        self._bus.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=True))
+        self._bus.send(
+            can.Message(
+                arbitration_id=frame[0],
+                data=frame[1],
+                is_extended_id=True,
+                timestamp=stamp_s(at_s),
+            )
+        )
 
     def _angle_rad(self, position_deg: float) -> float:
         return self._settings.direction * radians(position_deg - self._zero_deg)

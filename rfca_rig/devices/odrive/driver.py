@@ -156,7 +156,7 @@ class OdriveReports(DriveReceiver):
         self._count = FrameCount(settings.encoder_period_s)
         # Turns, turns/s and motor torque of frames that have no time stamp yet; None for one that
         # was refused.
-        self._arrived: list[tuple[float, float, float] | None] = []
+        self._arrived: list[tuple[float, float, float, float] | None] = []
         self._encoder_check = ReadingCheck("the drive", POSITION, SPEED)
         torque_field = CURRENT
         if settings.torque_constant_Nm_per_A is None:
@@ -263,7 +263,7 @@ class OdriveReports(DriveReceiver):
             return f"{message}_rate_ms"
         return f"{message}_msg_rate_ms"
 
-    def _take(self, message: can.Message) -> None:
+    def _take(self, message: can.Message, arrived_s: float) -> None:
         if message.is_extended_id or message.dlc == 0:
             # CANSimple uses standard frames only. An empty frame is a request or command by another
             # master.
@@ -273,10 +273,11 @@ class OdriveReports(DriveReceiver):
         else:
             self._own_frames += 1
             self._handle_message(
-                codec.decode(message.arbitration_id, message.data, self._settings.dialect)
+                codec.decode(message.arbitration_id, message.data, self._settings.dialect),
+                arrived_s,
             )
 
-    def _handle_message(self, message: messages.Message | None) -> None:
+    def _handle_message(self, message: messages.Message | None, arrived_s: float) -> None:
         constant = self._settings.torque_constant_Nm_per_A
         match message:
             case EncoderEstimates():
@@ -285,7 +286,12 @@ class OdriveReports(DriveReceiver):
                     self.turns = message.position_turns
                     # Torque comes in its own message; each encoder row carries the latest torque.
                     self._arrived.append(
-                        (message.position_turns, message.speed_turns_s, self._torque_Nm)
+                        (
+                            arrived_s,
+                            message.position_turns,
+                            message.speed_turns_s,
+                            self._torque_Nm,
+                        )
                     )
                 else:
                     # It keeps its place, because the time of the others comes from counting.
@@ -332,13 +338,13 @@ class OdriveReports(DriveReceiver):
         for device_s, row in zip(stamps_s, arrived, strict=True):
             # Without a torque, which follows in its own message, a row of the first moments is no
             # sample yet.
-            if row is None or row[2] != row[2]:
+            if row is None or row[3] != row[3]:
                 continue
-            turns, turns_s, torque_Nm = row
+            arrived_s, turns, turns_s, torque_Nm = row
             angle_rad = (turns - zero_turns) * rad
             speed_rad_s = turns_s * rad
             follow(host_s, device_s, angle_rad, speed_rad_s, is_whole)
-            self._rows.append((host_s, device_s, angle_rad, speed_rad_s, torque_Nm * ratio))
+            self._rows.append((arrived_s, device_s, angle_rad, speed_rad_s, torque_Nm * ratio))
 
 
 class OdriveMotor(MotorDrive):

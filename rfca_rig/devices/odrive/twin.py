@@ -47,7 +47,7 @@ from rfca_rig.twins.drive_parts import (
     SpeedLoop,
     ThermalParameters,
 )
-from rfca_rig.twins.wires import SampleGrid
+from rfca_rig.twins.wires import SampleGrid, stamp_s
 from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion
 
 Floats = NDArray[np.float64]
@@ -277,8 +277,9 @@ class OdriveTwin(DriveTwin):
             self._loop.advance(self._wanted, elapsed_s, before, after)
         self.warmth.advance(elapsed_s, after.torque_Nm)
         due_s = self._encoder_ticks.list_until(now_s)
-        for angle_rad, speed_rad_s in interpolate_motion(due_s, elapsed_s, now_s, before, after):
-            self._report(angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
+        motion = interpolate_motion(due_s, elapsed_s, now_s, before, after)
+        for at_s, (angle_rad, speed_rad_s) in zip(due_s, motion, strict=True):
+            self._report(at_s, angle_rad, speed_rad_s, law.torque_Nm(angle_rad, speed_rad_s))
         for _ in range(self._heartbeat_ticks.count_until(now_s)):
             self._send(
                 codec.heartbeat(self._settings.node_id, self._beat(), self._settings.dialect)
@@ -295,7 +296,7 @@ class OdriveTwin(DriveTwin):
                     )
                 )
 
-    def _report(self, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
+    def _report(self, at_s: float, angle_rad: float, speed_rad_s: float, torque_Nm: float) -> None:
         node = self._settings.node_id
         rad = self._rad_per_turn
         torque_Nm /= self._torque_ratio
@@ -311,7 +312,8 @@ class OdriveTwin(DriveTwin):
         self._send(
             codec.encoder_estimates(
                 node, self._settings.zero_turns + reported_rad / rad, reported_rad_s / rad
-            )
+            ),
+            stamp_s(at_s),
         )
 
     def _beat(self) -> Heartbeat:
@@ -323,8 +325,15 @@ class OdriveTwin(DriveTwin):
             tuple(self._part_errors),
         )
 
-    def _send(self, frame: codec.Frame) -> None:
-        self._bus.send(can.Message(arbitration_id=frame[0], data=frame[1], is_extended_id=False))
+    def _send(self, frame: codec.Frame, timestamp: float = 0.0) -> None:
+        self._bus.send(
+            can.Message(
+                arbitration_id=frame[0],
+                data=frame[1],
+                is_extended_id=False,
+                timestamp=timestamp,
+            )
+        )
 
     def stale_set_point(self) -> Sequence[can.Message]:
         """A position at a high speed."""

@@ -76,7 +76,7 @@ class MitReplies(DriveReceiver):
         self._whole_s = self.drained_s
         self._first_s: float | None = None
         # Replies that have no time stamp yet.
-        self._arrived: list[MitReply] = []
+        self._arrived: list[tuple[MitReply, float]] = []
         self.reply: MitReply | None = None
         self.at_s = -np.inf
         self.angle_rad = self.speed_rad_s = self.torque_Nm = np.nan
@@ -103,7 +103,7 @@ class MitReplies(DriveReceiver):
         if self._unanswered_s is None:
             self._unanswered_s = self._clock.now_s()
 
-    def _take(self, message: can.Message) -> None:
+    def _take(self, message: can.Message, arrived_s: float) -> None:
         identifier = message.arbitration_id
         data = message.data
         drive = self._settings.drive_id
@@ -115,7 +115,7 @@ class MitReplies(DriveReceiver):
         elif not data:
             return
         elif identifier in {0, drive} and data[0] == drive:
-            self._arrived.append(decode_reply(self._settings.ranges, data))
+            self._arrived.append((decode_reply(self._settings.ranges, data), arrived_s))
         elif data[0] == drive:
             # A reply of this drive under a third id: its master id is set otherwise.
             self._masters.add(identifier)
@@ -127,8 +127,9 @@ class MitReplies(DriveReceiver):
         self._arrived = []
         times_s = self._assign_requests(len(replies))
         self.heard += len(replies)
-        for reply, t_s in zip(replies[len(replies) - len(times_s) :], times_s, strict=True):
-            self._follow(reply, t_s)
+        timed = replies[len(replies) - len(times_s) :]
+        for (reply, arrived_s), t_s in zip(timed, times_s, strict=True):
+            self._follow(reply, arrived_s, t_s)
 
     def _assign_requests(self, count: int) -> list[float]:
         """Request times of `count` replies. They are matched in order, as a bus keeps it and a slow
@@ -153,7 +154,7 @@ class MitReplies(DriveReceiver):
             self._whole_s = self.drained_s
         return answered_s
 
-    def _follow(self, reply: MitReply, t_s: float) -> None:
+    def _follow(self, reply: MitReply, arrived_s: float, t_s: float) -> None:
         self.reply = reply
         self._is_cut |= self._reports_errors and reply.error is None
         self._reports_errors |= reply.error is not None
@@ -172,7 +173,7 @@ class MitReplies(DriveReceiver):
         self.torque_Nm = settings.direction * reply.torque_Nm
         self._speed.follow(t_s, self.angle_rad, self.speed_rad_s)
         self._rows.append(
-            (self.drained_s, t_s - self._first_s, self.angle_rad, self.speed_rad_s, self.torque_Nm)
+            (arrived_s, t_s - self._first_s, self.angle_rad, self.speed_rad_s, self.torque_Nm)
         )
 
     def angle_at(self, now_s: float) -> float:

@@ -72,7 +72,7 @@ class ServoReports(DriveReceiver):
         self._speed = SpeedCheck("gear_ratio and pole_pairs")
         self._check = ReadingCheck("the drive", *STATUS_SIGNALS)
         # Frames that have no time stamp yet.
-        self._arrived: list[Status] = []
+        self._arrived: list[tuple[Status, float]] = []
         self.status: Status | None = None
         self.heard_s = self.drained_s
         self.position_deg = self.angle_rad = self.speed_rad_s = self.torque_Nm = np.nan
@@ -86,7 +86,7 @@ class ServoReports(DriveReceiver):
         self._standard = False
         self.heard = 0
 
-    def _take(self, message: can.Message) -> None:
+    def _take(self, message: can.Message, arrived_s: float) -> None:
         if not message.is_extended_id:
             # MIT mode uses standard frames, servo mode extended ones.
             self._standard = True
@@ -97,7 +97,7 @@ class ServoReports(DriveReceiver):
             else:
                 report = None
             if isinstance(report, Status):
-                self._arrived.append(report)
+                self._arrived.append((report, arrived_s))
             else:
                 self._foreign.add(drive)
 
@@ -105,10 +105,10 @@ class ServoReports(DriveReceiver):
         arrived = self._arrived
         self._arrived = []
         stamps_s = self._count.list_stamps(len(arrived), self.drained_s)
-        for report, device_s in zip(arrived, stamps_s, strict=True):
-            self._follow(report, device_s, is_whole)
+        for (report, arrived_s), device_s in zip(arrived, stamps_s, strict=True):
+            self._follow(report, arrived_s, device_s, is_whole)
 
-    def _follow(self, report: Status, device_s: float, is_whole: bool) -> None:
+    def _follow(self, report: Status, arrived_s: float, device_s: float, is_whole: bool) -> None:
         """Takes in one status. After a long pause (`is_whole` False) frames may be missing
         anywhere, so no jump is looked for.
         """
@@ -129,9 +129,7 @@ class ServoReports(DriveReceiver):
         self.angle_rad = settings.angle_rad(count)
         self.torque_Nm = report.current_A * settings.shaft_torque_per_A
         self._speed.follow(device_s, self.angle_rad, self.speed_rad_s)
-        self._rows.append(
-            (self.drained_s, device_s, self.angle_rad, self.speed_rad_s, self.torque_Nm)
-        )
+        self._rows.append((arrived_s, device_s, self.angle_rad, self.speed_rad_s, self.torque_Nm))
 
     @property
     def lost_frames(self) -> int:
