@@ -297,6 +297,9 @@ class Diagnosis:
     family, other_families
         The family of what is stated, and those of further parts of the explanation, each as
         probable as an identified effect.
+    not_stated
+        Each effect of the best explanation, and of the first set of the table, that is not stated,
+        and why.
     explained_share
         Share of the removable held-out misfit that the stated effects explain.
     remaining
@@ -341,6 +344,7 @@ class Diagnosis:
     probability: float | None
     family: StatedFamily | None = None
     other_families: tuple[StatedFamily, ...] = ()
+    not_stated: Mapping[str, str] = field(default_factory=dict)
     place: StatedPlace | None = None
     explained_share: float | None = None
     remaining: tuple[Located, ...] = ()

@@ -270,6 +270,7 @@ def build_result(
         probability=None if decision.grade == "not enough data" else decision.probability,
         family=decision.family,
         other_families=decision.other_families,
+        not_stated=decision.not_stated,
         # what takes the place of an implausible value removes no more misfit than that did
         explained_share=decision.explained_share
         if is_stated and not decision.relieved_strain

@@ -52,6 +52,7 @@ def list_contradictions(diagnosis: Diagnosis) -> list[str]:
         _check_other_families,
         _check_nothing,
         _check_stated_set,
+        _check_not_stated,
         _check_exclusions,
         _check_held_out,
         _check_left_out,
@@ -167,6 +168,18 @@ def _check_stated_set(diagnosis: Diagnosis) -> Iterator[str]:
                 f"{_describe_statement(diagnosis)} is stated, but the table gives"
                 f" {_name(row)}, which has nothing of it, {row.probability:.4f}."
             )
+
+
+def _check_not_stated(diagnosis: Diagnosis) -> Iterator[str]:
+    """In a set that is more probable than all others together, every effect beside stated ones
+    has a reason why it is not stated.
+    """
+    stated = _list_stated(diagnosis)
+    for row in diagnosis.rivals:
+        is_with_stated = not stated.isdisjoint(row.ids)
+        if diagnosis.effects and is_with_stated and row.probability > HALF:
+            for effect_id in sorted(set(row.ids) - stated - diagnosis.not_stated.keys()):
+                yield f"{effect_id} is in {_name(row)} and is not stated, without a reason."
 
 
 def _check_exclusions(diagnosis: Diagnosis) -> Iterator[str]:

@@ -266,6 +266,41 @@ def test_a_law_that_holds_is_identified_and_one_that_does_not_mostly(gained, une
     ]
 
 
+def test_what_is_stated_needs_no_reason_and_what_is_not_has_one(gained):
+    assert graded(gained, 0.95).not_stated == {}
+    unsure = graded(gained, 0.4)
+    assert not unsure.effects
+    assert unsure.not_stated == {
+        "sensor_gain": "its calibrated probability is 0.40, and 0.8 is needed"
+    }
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"probability": 0.7}, "its calibrated probability is 0.70, and 0.8 is needed"),
+        ({"is_at_bound": True}, "its size is at the end of its plausible range"),
+        (
+            {"values": {"law_error_without": 0.01, "removed_share": 0.5}},
+            "without it the other laws leave no more than approximate laws usually do",
+        ),
+        ({}, ""),
+    ],
+)
+def test_each_reason_against_an_effect_is_said(changes, reason):
+    effect = replace(Supported("effect", "sensor_gain", 0.95, ALONE), **changes)
+    objection = decide._object_to(effect, 0.8, is_unsure=False, is_denied=False)
+    assert objection.startswith(reason) and bool(objection) == bool(reason)
+
+
+def test_a_family_that_is_as_good_and_a_denying_table_are_reasons():
+    effect = Supported("effect", "sensor_gain", 0.95, ALONE)
+    unsure = decide._object_to(effect, 0.8, is_unsure=True, is_denied=False)
+    assert unsure == "fewer laws of its family explain these data nearly as well"
+    denied = decide._object_to(effect, 0.8, is_unsure=False, is_denied=True)
+    assert "nothing missing more than one half" in denied
+
+
 @pytest.mark.parametrize(("of_effects", "of_families"), [(0.95, 0.95), (0.5, 0.95)])
 def test_nothing_is_stated_that_the_table_denies(uneven, of_effects, of_families):
     assert graded(uneven, of_effects, of_families).grade in ("mostly", "family")

@@ -950,6 +950,17 @@ def test_page_terminal_and_files_state_the_same_improvement(tmp_path):
     assert len(curves) == 122 and float(curves[0]["floor"]) == 0.05
 
 
+def test_the_page_says_why_a_partner_is_not_stated():
+    why = "its calibrated probability is 0.34, and 0.9 is needed"
+    context = PageContext(Origin())
+    shown = page(replace(NAMED, not_stated={"ground_bump": why}), context)
+    assert f"<code>ground_bump</code> is not stated: {why}." in shown
+    assert "is not stated:" not in page(NAMED, context)
+    # Where nothing is stated, the acceptance tests say so.
+    silent = replace(NAMED, effects=(), not_stated={"ground_bump": why})
+    assert "is not stated:" not in page(silent, context)
+
+
 def test_no_command_compares_with_a_model_that_has_nothing_new():
     recordings = (Path("runs/a"),)
     assert name_comparison(OF_LEG, recordings, Path("model.toml"))

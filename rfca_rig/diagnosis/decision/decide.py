@@ -30,7 +30,7 @@ Nothing is stated where the table of all sets gives "nothing missing" more than 
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import logsumexp
@@ -73,6 +73,11 @@ STATED_GRADES = ("identified", "mostly", "family")
 # sets that are named beside a difference that is visible within the usual model error
 MOST_ALTERNATIVES = 5
 HELD_OUT = "held-out misfit"
+NOT_AS_A_WHOLE = (
+    "the set that it belongs to does not remove most of what is missing, or predicts something "
+    "worse"
+)
+NOT_BETTER = "left-out conditions are not predicted better with it"
 PROBABLE = "probability"
 
 
@@ -136,6 +141,9 @@ class Decision:
         one without effects.
     effects, family
         What is stated. A family is given beside effects, too.
+    not_stated
+        Each effect of the best explanation, and of the first set of the table, that is not stated,
+        and why.
     other_families
         Families, as probable as an identified effect, of those effects of the best explanation that
         are neither stated nor in `family`.
@@ -166,6 +174,7 @@ class Decision:
     explanation: Hypothesis
     closest: Hypothesis | None = None
     effects: tuple[NamedEffect, ...] = ()
+    not_stated: Mapping[str, str] = field(default_factory=dict)
     family: StatedFamily | None = None
     other_families: tuple[StatedFamily, ...] = ()
     probability: float = 1.0
@@ -272,15 +281,15 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     # What the table of all sets denies is not stated, however well held-out conditions are
     # predicted with it.
     is_denied = nothing > NOTHING_PROBABILITY
-    sure = {
-        effect.id
+    objections = {
+        effect.id: _object_to(effect, needed, effect.id in unsure, is_denied)
         for effect in of_effects.values()
-        if not is_denied
-        and effect.probability >= needed
-        and effect.is_needed
-        and not effect.is_at_bound
-        and effect.id not in unsure
     }
+    # The first set of the table may not be the best explanation.
+    for effect_id in rivals[0].ids:
+        if rivals[0].ids != UNKNOWN:
+            objections.setdefault(effect_id, NOT_BETTER)
+    sure = {effect_id for effect_id, objection in objections.items() if not objection}
     # The stated set must have been fitted as a whole; otherwise nothing is known of its held-out
     # misfit.
     explanation = next(
@@ -305,6 +314,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
         rivals=rivals,
         supported=tuple(supported),
         within_usual=is_usual,
+        not_stated={name: why or NOT_AS_A_WHOLE for name, why in objections.items()},
     )
     # A set that leaves much misfit may still be the dominant omission: then it is stated as
     # "mostly".
@@ -318,12 +328,14 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             _describe_effect(comparison, explanation, effect_id, of_effects[effect_id])
             for effect_id in explanation.ids
         )
+        known = sure.union(*(effect.cannot_tell_from for effect in effects))
         return replace(
             decision,
             grade="identified" if is_exact else "mostly",
             explanation=hypothesis,
             closest=None if explanation is comparison.best else best,
             effects=effects,
+            not_stated={name: why for name, why in objections.items() if name not in known},
             family=family if is_family else None,
             other_families=_other_families(comparison, supported, list_related(explanation.ids)),
             probability=min(effect.probability for effect in effects),
@@ -344,6 +356,24 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     if is_usual and is_denied:
         return replace(decision, grade="nothing missing", probability=nothing)
     return replace(decision, probability=1.0 - nothing, alternatives=list_alternatives(rivals))
+
+
+def _object_to(effect: Supported, needed: float, is_unsure: bool, is_denied: bool) -> str:
+    """Why an effect of the best explanation is not stated, in words; "" where it may be."""
+    if is_denied:
+        return "the table of all sets gives nothing missing more than one half"
+    if effect.probability < needed:
+        return f"its calibrated probability is {effect.probability:.2f}, and {needed:g} is needed"
+    if effect.is_at_bound:
+        return "its size is at the end of its plausible range, where another law looks like this"
+    if not effect.is_needed:
+        return (
+            "without it the other laws leave no more than approximate laws usually do, so that it "
+            "may only make up for their error"
+        )
+    if is_unsure:
+        return "fewer laws of its family explain these data nearly as well"
+    return ""
 
 
 def withhold(decision: Decision, found: ModelSelectionResult) -> Decision:
@@ -777,6 +807,7 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
             (decision.closest for decision in decisions if decision.closest is not None), None
         ),
         effects=(*forces.effects, *shaft.effects),
+        not_stated={**forces.not_stated, **shaft.not_stated},
         family=families[0] if families else None,
         other_families=(*families[1:], *forces.other_families, *shaft.other_families),
         probability=probability,

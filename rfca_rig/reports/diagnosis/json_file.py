@@ -69,6 +69,7 @@ def document(diagnosis: Diagnosis) -> dict[str, Any]:
         },
         "family": _as_dict(diagnosis.family),
         "other_families": [asdict(family) for family in diagnosis.other_families],
+        "not_stated": dict(diagnosis.not_stated),
         "place": _as_dict(diagnosis.place),
         "not_tested": [
             effect.id for effect in diagnosis.not_seen if effect.would_have_seen is None

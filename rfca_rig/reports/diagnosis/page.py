@@ -355,9 +355,21 @@ def _hypotheses(diagnosis: Diagnosis) -> PageSection | None:
         "Hypotheses",
         [
             card_table("hypotheses", (name_column, *HYPOTHESES), rows),
+            *_explain_not_stated(diagnosis),
             aside(join(" ", [how_to_read, csv_links("hypotheses.csv")])),
         ],
     )
+
+
+def _explain_not_stated(diagnosis: Diagnosis) -> list[Markup]:
+    """Beside stated effects: why further effects of the most probable sets are not stated."""
+    if not diagnosis.effects or not diagnosis.not_stated:
+        return []
+    items = [
+        html("{} is not stated: {}.", code(effect_id), why)
+        for effect_id, why in diagnosis.not_stated.items()
+    ]
+    return [bullets(items)]
 
 
 def _hypothesis(rival: Rival, best_evidence: float) -> tuple[str, ...]:
