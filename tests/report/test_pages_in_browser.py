@@ -3,6 +3,7 @@ the screen.
 """
 
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,12 @@ pytest.importorskip(
 
 from playwright.sync_api import Page, ViewportSize
 
+from rfca_rig.analysis.reproduction import reproduce_strokes
+from rfca_rig.description.model_file import nominal_model
 from rfca_rig.exam.cases import split_numbers
 from rfca_rig.exam.scored import score_exam
 from rfca_rig.reports.exam.page import write_exam
+from rfca_rig.reports.paper.page import PaperContext, PaperStep, write_paper
 from rfca_rig.reports.provenance import Origin, PageContext
 from rfca_rig.reports.run.page import page as run_page
 from rfca_rig.reports.run.page import tables_of
@@ -27,7 +31,7 @@ from rfca_rig.reports.sweep.pictures import compute_sensitivities
 from tests.analysis.torque_rotation.tables import plain
 from tests.report import runs
 from tests.report.exams import made_up_exam
-from tests.report.recordings import recording, stages, strokes
+from tests.report.recordings import BELIEVED, recording, stages, strokes
 from tests.report.test_diagnosis_page import ALL
 from tests.report.test_diagnosis_page import page as diagnosis_page
 from tests.report.test_static_report import noisy, written
@@ -99,7 +103,11 @@ def folder(tmp_path_factory) -> Path:
             sweep_page(swept, compute_sensitivities(swept), "rfca-rig sweep"), encoding="utf-8"
         )
     (out / "static").mkdir()
-    written(out / "static", noisy(plain(), np.random.default_rng(2)))
+    curve, _ = written(out / "static", noisy(plain(), np.random.default_rng(2)))
+    reproduction = reproduce_strokes(curve, nominal_model(BELIEVED), {"height_mm": 0.2}, strokes())
+    steps = (PaperStep("Strokes", "rfca-rig dynamic run --protocol table2 --model model.toml"),)
+    context = PaperContext(Origin(), (("IMPORT", "a campaign"),), steps, "rfca-rig diagnose runs/a")
+    write_paper(replace(reproduction, not_checked="MuJoCo is not installed"), out, context)
     return out
 
 
@@ -129,8 +137,8 @@ def scrolled(page: Page) -> list[str]:
 @pytest.mark.parametrize("width_px", WIDTHS_PX)
 def test_no_page_is_wider_than_the_screen(folder, watched, width_px, tmp_path):
     pages = sorted(folder.rglob("*.html"))
-    assert len(pages) >= 17
-    assert {"exam", "diagnosis-mechanism", "sweep-map", "sweep-samples"} <= {
+    assert len(pages) >= 18
+    assert {"exam", "diagnosis-mechanism", "paper", "sweep-map", "sweep-samples"} <= {
         path.stem for path in pages
     }
     for path in pages:
