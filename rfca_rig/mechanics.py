@@ -37,11 +37,13 @@ from rfca_rig.model.paper.statics import (
     absolute_angles,
     equilibrium_under_tip_force,
     imbalance_Nm,
+    potential_energy_J,
     tip_chain_of,
     tip_force,
     tip_force_weighing_angles,
     tip_jacobian,
     tip_place_m,
+    touching_point_jacobian,
 )
 
 Floats = NDArray[np.float64]
@@ -73,6 +75,7 @@ __all__ = [
     "mass_matrix",
     "no_loads",
     "normal_force",
+    "potential_energy_J",
     "right_side_Nm",
     "second_difference",
     "small_slope_error",
@@ -86,6 +89,7 @@ __all__ = [
     "tip_force_weighing_angles",
     "tip_jacobian",
     "tip_place_m",
+    "touching_point_jacobian",
 ]
 
 

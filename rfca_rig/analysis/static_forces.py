@@ -43,8 +43,9 @@ class LoadedShape:
     ends_mm, unloaded_mm
         (n + 1, 2) along and down, from the shaft to the tip, under the force and under the weight
         alone.
-    is_stable
-        Whether the leg would return to this shape when pushed.
+    snapped_at
+        Share of weight and force at which the leg snapped into another shape for the last time,
+        None if it bends steadily.
     """
 
     force_N: Floats
@@ -52,7 +53,7 @@ class LoadedShape:
     torques_Nm: Floats
     ends_mm: Floats
     unloaded_mm: Floats
-    is_stable: bool
+    snapped_at: float | None
 
     def lines(self) -> Iterator[str]:
         """The result as lines for a terminal."""
@@ -71,8 +72,11 @@ class LoadedShape:
             f"tip at {along_mm:.1f} mm along, {down_mm:.1f} mm down; the force moves it by "
             f"{moved_mm:.1f} mm"
         )
-        if not self.is_stable:
-            yield "this shape is not stable: the leg snaps into another one when pushed"
+        if self.snapped_at is not None:
+            yield (
+                f"the leg snaps into this shape at {100.0 * self.snapped_at:.1f} % of weight and "
+                "force"
+            )
 
     def summary(self) -> dict[str, object]:
         """The result as plain data for JSON."""
@@ -82,7 +86,7 @@ class LoadedShape:
             "torques_Nm": self.torques_Nm.tolist(),
             "ends_mm": self.ends_mm.tolist(),
             "unloaded_ends_mm": self.unloaded_mm.tolist(),
-            "is_stable": self.is_stable,
+            "snapped_at_share": self.snapped_at,
         }
 
 
@@ -98,7 +102,8 @@ class FoundTipForce:
 
 
 def load_tip(leg: Leg, shaft_rad: float, force_N: Floats) -> LoadedShape:
-    """The shape under a dead force (2,) at the tip, along the floor and down, with the shaft held.
+    """The stable shape under a dead force (2,) at the tip, along the floor and down, with the
+    shaft held.
 
     Raises
     ------
@@ -121,7 +126,7 @@ def load_tip(leg: Leg, shaft_rad: float, force_N: Floats) -> LoadedShape:
         torques,
         _ends_mm(chain.L, equilibrium.phi),
         _ends_mm(chain.L, alone.phi),
-        equilibrium.stable,
+        equilibrium.snapped_at,
     )
 
 

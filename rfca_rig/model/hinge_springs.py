@@ -275,6 +275,13 @@ class HingeSprings:
             return np.asarray(self.k0_Nm_per_rad * self.splines.stiffness(x))
         return np.asarray(self.k0_Nm_per_rad * (1.0 + 3.0 * self.k2_per_rad2 * x**2))
 
+    def energy_J(self, phi: Floats) -> Floats:
+        """Energy (..., n) of each bent spring, the integral of its torque from rest."""
+        x = phi - self.rest_rad
+        if self.splines.origin.size:
+            return np.asarray(self.k0_Nm_per_rad * self.splines.energy(x))
+        return np.asarray(self.k0_Nm_per_rad * x**2 * (0.5 + 0.25 * self.k2_per_rad2 * x**2))
+
 
 def springs_of(leg: Leg) -> HingeSprings:
     """The springs of a leg."""

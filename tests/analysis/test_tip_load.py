@@ -20,8 +20,15 @@ def test_the_shaft_carries_the_force_and_the_weight():
     touched = ends[-1] + [0.0, PAPER.leg.link_radius_m]
     moment = touched[0] * FORCE_N[1] - touched[1] * FORCE_N[0] + 9.81 * masses @ middles[:, 0]
     assert shape.torques_Nm[0] == pytest.approx(-moment, abs=1e-6)
-    assert shape.is_stable
-    assert shape.summary()["is_stable"] is True
+    assert shape.summary()["snapped_at_share"] is None
+    assert not any("snaps" in line for line in shape.lines())
+
+
+def test_a_leg_that_snaps_is_reported_with_the_share_of_the_load():
+    shape = load_tip(PAPER.leg, -0.5 * np.pi, np.array([0.0, 40.0]))
+    share = shape.summary()["snapped_at_share"]
+    assert share == pytest.approx(0.397, abs=1e-3)
+    assert "the leg snaps into this shape at 39.7 % of weight and force" in list(shape.lines())
 
 
 def test_a_force_does_the_work_that_springs_and_weight_take_up():

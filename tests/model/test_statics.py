@@ -6,20 +6,23 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.optimize import brentq
+from scipy.optimize import brentq, root
 
 from rfca_rig.errors import BadInput, SimulationFailed
 from rfca_rig.model.paper.statics import (
     equilibrium_under_tip_force,
     imbalance_Nm,
+    is_stable,
+    potential_energy_J,
     tangent_stiffness,
     tip_chain_of,
     tip_force,
     tip_force_weighing_angles,
     tip_jacobian,
     tip_place_m,
+    touching_point_jacobian,
 )
-from rfca_rig.model.parameters import PresentEffect
+from rfca_rig.model.parameters import PresentEffect, TorqueSpline
 from rfca_rig.model.static_stages import (
     STILL_AFTER_S,
     StageMoves,
@@ -42,11 +45,37 @@ def path():
 
 
 def test_the_jacobian_is_how_the_tip_moves():
-    point = replace(CHAIN, tip_radius_m=0.0)
     phi = np.linspace(0.2, -0.3, 7)
     for n, step in enumerate(1e-6 * np.eye(7)):
-        moved = (tip_place_m(point, phi + step) - tip_place_m(point, phi - step)) / 2e-6
-        assert tip_jacobian(point, phi)[:, n] == pytest.approx(moved, abs=1e-9)
+        moved = (tip_place_m(CHAIN, phi + step) - tip_place_m(CHAIN, phi - step)) / 2e-6
+        assert tip_jacobian(CHAIN, phi)[:, n] == pytest.approx(moved, abs=1e-9)
+
+
+def test_the_lowest_point_of_the_tip_moves_as_part_of_the_last_link():
+    phi = np.linspace(0.2, -0.3, 7)
+
+    def point(moved):
+        turned = moved.sum() - phi.sum()
+        lever = CHAIN.tip_radius_m * np.array([-np.sin(turned), np.cos(turned)])
+        return tip_place_m(CHAIN, moved) + lever
+
+    for n, step in enumerate(1e-6 * np.eye(7)):
+        moved = (point(phi + step) - point(phi - step)) / 2e-6
+        assert touching_point_jacobian(CHAIN, phi)[:, n] == pytest.approx(moved, abs=1e-9)
+
+
+def test_the_imbalance_is_the_derivative_of_the_energy():
+    spline = TorqueSpline((0.1, 0.3, 0.6, 1.0), (0.1, 0.33, 0.75, 1.5))
+    rest = (0.02, -0.03, 0.01, 0.0, 0.04, -0.02)
+    curved = replace(PAPER.leg, torque_splines=(spline,), rest_angles_rad=rest)
+    phi = np.linspace(1.0, -0.3, 7)
+    for chain in (CHAIN, tip_chain_of(curved)):
+        for n, step in enumerate(1e-6 * np.eye(7)):
+            higher = potential_energy_J(chain, phi + step, PUSH)
+            lower = potential_energy_J(chain, phi - step, PUSH)
+            assert imbalance_Nm(chain, phi, PUSH)[n] == pytest.approx(
+                (higher - lower) / 2e-6, abs=1e-7
+            )
 
 
 def test_the_tangent_stiffness_is_the_derivative_of_the_imbalance():
@@ -68,7 +97,7 @@ def test_one_hinge_bends_until_its_spring_carries_weight_and_force():
         return down * np.cos(0.4 + phi) + along * np.sin(0.4 + phi) - 8.0 * phi
 
     assert found.phi[1] == pytest.approx(brentq(moment, -1.5, 1.5), abs=1e-10)
-    assert found.stable
+    assert found.snapped_at is None
 
 
 def test_a_small_force_bends_two_hinges_as_linear_theory_has_it():
@@ -95,12 +124,51 @@ def test_every_hinge_carries_what_acts_beyond_it():
         assert 10.98 * (phi + 4.56 * phi**3) == pytest.approx(weight + force, abs=1e-9)
 
 
-def test_a_column_pushed_beyond_its_critical_load_is_not_called_stable():
+def test_a_column_pushed_beyond_its_critical_load_snaps_to_one_side():
     rig = pendulum(2, 0.2, 0.3, k0=8.0)
     chain = replace(tip_chain_of(rig.leg), gravity_m_s2=0.0)
     critical = 8.0 / 0.2
-    assert equilibrium_under_tip_force(chain, 0.0, np.array([-0.99 * critical, 0.0])).stable
-    assert not equilibrium_under_tip_force(chain, 0.0, np.array([-1.01 * critical, 0.0])).stable
+    straight = equilibrium_under_tip_force(chain, 0.0, np.array([-0.99 * critical, 0.0]))
+    assert straight.snapped_at is None and not straight.phi.any()
+    for share in (1.01, 1.5):
+        force = np.array([-share * critical, 0.0])
+        assert not is_stable(chain, np.zeros(2), force)
+        buckled = equilibrium_under_tip_force(chain, 0.0, force)
+        # 8 N m/rad phi = F 0.2 m sin phi
+        phi = brentq(lambda phi, share=share: phi - share * np.sin(phi), 0.1, 3.0)
+        assert abs(buckled.phi[1]) == pytest.approx(phi, abs=1e-9)
+        assert buckled.snapped_at == pytest.approx(1.0 / share, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("shaft_deg", "along_N", "down_N", "unstable_J", "least_J"),
+    [
+        (-50.0, -21.0, 34.0, 12.063, 8.112),
+        (-90.0, 0.0, 40.0, 12.055, 9.579),
+        # Half a newton aside: a long load step jumps to the minimum on the other side, 9.673 J.
+        (-90.0, 0.5, 40.0, 12.054, 9.481),
+        (-75.0, -10.0, 40.0, 12.439, 9.504),
+    ],
+)
+def test_a_leg_pushed_along_itself_bends_to_where_its_energy_is_least(
+    shaft_deg, along_N, down_N, unstable_J, least_J
+):
+    """The equilibrium that is nearly straight has more energy, and is unstable. The least energies
+    are scipy's, from 300 random shapes each.
+    """
+    force = np.array([along_N, down_N])
+    found = equilibrium_under_tip_force(CHAIN, np.radians(shaft_deg), force)
+    assert np.abs(imbalance_Nm(CHAIN, found.phi, force)[1:]).max() < 1e-9
+    assert is_stable(CHAIN, found.phi, force)
+    energy_J = potential_energy_J(CHAIN, found.phi, force)
+    assert energy_J == pytest.approx(least_J, abs=1e-3)
+
+    def unbalanced(hinges):
+        return imbalance_Nm(CHAIN, np.append(found.phi[0], hinges), force)[1:]
+
+    straight = np.append(found.phi[0], root(unbalanced, np.zeros(6)).x)
+    assert not is_stable(CHAIN, straight, force)
+    assert potential_energy_J(CHAIN, straight, force) == pytest.approx(unstable_J, abs=1e-3)
 
 
 def test_values_no_leg_has_are_refused_with_the_load_they_were_to_carry():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.model.catalogue import catalogue
-from rfca_rig.model.paper.statics import tip_chain_of, tip_jacobian, weight_torques_Nm
+from rfca_rig.model.paper.statics import tip_chain_of, touching_point_jacobian, weight_torques_Nm
 from rfca_rig.model.static_stages import STILL_AFTER_S, StageMoves, Touch, simulate_static_stages
 from tests.model.effects.rigs import having
 from tests.model.effects.test_strength import SMALL
@@ -38,7 +38,7 @@ def carried(state):
     phi = np.diff(state.q_rad, prepend=0.0)
     assert not state.normal_N[:-1].any()
     tip = np.array([state.tangential_N[-1], -state.normal_N[-1]])
-    return (weight_torques_Nm(chain, phi) + tip_jacobian(chain, phi).T @ tip)[1:]
+    return (weight_torques_Nm(chain, phi) + touching_point_jacobian(chain, phi).T @ tip)[1:]
 
 
 def spring(phi):
