@@ -1,9 +1,11 @@
 """The model against MuJoCo."""
 
 import json
+import re
 import sys
 from dataclasses import replace
 from importlib.util import find_spec
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,6 +39,8 @@ needs_mujoco = pytest.mark.skipif(
     find_spec("mujoco") is None,
     reason='MuJoCo is not installed: pip install "rfca-rig[crosscheck]"',
 )
+
+ROOT = Path(__file__).parents[2]
 
 PAPERS = (
     PlannedCondition(0.215, 2.433),
@@ -258,6 +262,19 @@ def test_the_command_answers_a_program_and_draws(typed, tmp_path):
     )
     assert len(answer["own_contact_on_stiff_ground"]) == 1
     assert "235 mm, 3.276 rad/s" in (tmp_path / "p.svg").read_text()
+
+
+@pytest.mark.slow
+@needs_mujoco
+def test_readme_and_model_page_state_what_the_command_prints(monkeypatch, capsys):
+    app = typer.Typer()
+    app.command()(crosscheck)
+    monkeypatch.setattr(sys, "argv", ["crosscheck"])
+    app(standalone_mode=False)
+    average = re.search(r"average ([\d.]+) %", capsys.readouterr().out)[1]
+    for page in ("README.md", "docs/model.md"):
+        stated = re.findall(r"conditions\s+differs? by ([\d.]+) %", (ROOT / page).read_text())
+        assert stated == [average], page
 
 
 @pytest.mark.slow
