@@ -116,7 +116,8 @@ def _check_known(module: ModuleType, kind: str, name: str, known: list[str]) -> 
 
 
 # Parts of a setup that move the leg, all but the changes of the sensor.
-_MOVING = tuple(part.name for part in fields(Setup) if part.name != "sensor_changes")
+_OF_SENSOR = ("sensor_changes", "mixes_times")
+_MOVING = tuple(part.name for part in fields(Setup) if part.name not in _OF_SENSOR)
 
 
 def set_up(

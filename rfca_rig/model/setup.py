@@ -73,7 +73,8 @@ class Setup:
     - `laws`: added to the equations of motion; `laws_of_chain` are built from the finished chain,
       because they depend on other effects.
     - `drive`: a compliant drive between command and shaft.
-    - `sensor_changes`: applied to the sensor's channels.
+    - `sensor_changes`: applied to the sensor's channels. `mixes_times` says that one of them
+      makes a reading depend on the force at other times.
     - `begins`: initial states, of what swings already where a recording begins.
 
     `strokes_before` holds, for each stroke whose mean is simulated, how many strokes the leg had
@@ -89,6 +90,7 @@ class Setup:
     laws_of_chain: tuple[Callable[[Chain], LawUse], ...] = ()
     drive: CompliantDrive | None = None
     sensor_changes: tuple[Callable[[SensorOutput], SensorOutput], ...] = field(default=())
+    mixes_times: bool = False
     begins: tuple[Callable[[Chain, State], None], ...] = ()
     strokes_before: tuple[int, ...] = ()
     moved_by: tuple[tuple[Hashable, PresentEffect], ...] = ()
@@ -228,9 +230,15 @@ def with_chain(setup: Setup, change: Callable[[Chain], Chain]) -> Setup:
     return replace(setup, chain_changes=(*setup.chain_changes, change))
 
 
-def with_sensor(setup: Setup, change: Callable[[SensorOutput], SensorOutput]) -> Setup:
-    """The setup with one more change of the sensor's channels."""
-    return replace(setup, sensor_changes=(*setup.sensor_changes, change))
+def with_sensor(
+    setup: Setup, change: Callable[[SensorOutput], SensorOutput], mixes_times: bool = False
+) -> Setup:
+    """The setup with one more change of the sensor's channels; `mixes_times` as in `Setup`."""
+    return replace(
+        setup,
+        sensor_changes=(*setup.sensor_changes, change),
+        mixes_times=setup.mixes_times or mixes_times,
+    )
 
 
 def with_begin(setup: Setup, swing: Callable[[Chain, State], None]) -> Setup:

@@ -94,11 +94,12 @@ def test_what_changes_only_the_sensor_shares_the_motion(monkeypatch):
     varied = [request(sensed), request(stiffer(PAPER, 0.01)), request(stiffer(sensed, 0.01))]
     moved = []
     move = stroke_module._move_block
-    monkeypatch.setattr(
-        stroke_module,
-        "_move_block",
-        lambda requests, only_sensed: moved.append(len(requests)) or move(requests, only_sensed),
-    )
+
+    def count_legs(requests, between, only_sensed):
+        moved.append(len(requests))
+        return move(requests, between, only_sensed)
+
+    monkeypatch.setattr(stroke_module, "_move_block", count_legs)
     gain, stiff, both = simulate_variations(request(PAPER), varied)
     assert moved == [2]
     assert np.array_equal(gain[0].shaft_torque_Nm, gain[1].shaft_torque_Nm)

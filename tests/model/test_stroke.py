@@ -14,10 +14,13 @@ from rfca_rig.model.kernel.stage import allocate_workspace
 from rfca_rig.model.motion import ShaftMotion, follow, ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect
 from rfca_rig.model.stroke import (
+    Job,
     StrokeRequest,
     recall_stroke,
     simulate_stroke,
     simulate_stroke_at_speed,
+    simulate_strokes,
+    simulate_variations,
 )
 from tests.model.legs import PAPER
 from tests.model.lsoda import ICE, fz_by_lsoda
@@ -141,6 +144,43 @@ def test_effects_of_the_sensor_use_the_motion_that_is_known_and_others_do_not(mo
     for name in ("fz_N", "fy_N", "tx_Nm", "q_rad", "normal_N"):
         assert np.array_equal(getattr(felt, name), getattr(anew, name))
     assert not np.array_equal(felt.fz_N, plain.fz_N)
+
+
+RINGING = PresentEffect("sensor_ringing", (("frequency_Hz", 40.0), ("damping_ratio", 0.06)))
+LAGGING = PresentEffect("sensor_lag", (("time_constant_s", 1e-3),))
+LATE = PresentEffect("clock_offset", (("offset_s", 0.7e-3),))
+DRIFTING = PresentEffect("sensor_clock_rate", (("rate_relative", 1e-3),))
+
+
+@pytest.mark.parametrize("effect", [RINGING, LAGGING, LATE, DRIFTING], ids=lambda one: one.id)
+def test_a_sensor_that_mixes_times_reads_the_same_however_rarely_it_is_sampled(effect):
+    rig = replace(PAPER, effects=(effect,))
+    rarely = simulate_stroke_at_speed(rig, 0.215, 2.433, T[::2])
+    often = simulate_stroke_at_speed(rig, 0.215, 2.433, np.arange(-2000, 24961) * 5e-5)
+    for name in ("fy_N", "fz_N", "tx_Nm"):
+        expected = getattr(often, name)[::40]
+        off = getattr(rarely, name) - expected
+        assert np.sqrt(np.mean(off**2)) < 3e-4 * np.sqrt(np.mean(expected**2))
+
+
+def test_a_sensor_that_mixes_times_leaves_the_leg_and_its_samples_as_they_are(stroke):
+    ringing = simulate_stroke_at_speed(replace(PAPER, effects=(RINGING,)), 0.215, 2.433, T)
+    for name in ("t_s", "q_rad", "w_rad_s", "normal_N", "tangential_N", "shaft_torque_Nm"):
+        assert np.array_equal(getattr(ringing, name), getattr(stroke, name))
+
+
+def test_however_a_ringing_sensor_is_simulated_it_reads_the_same():
+    motion = ramp_to_speed(PAPER.leg.start_angle_rad, 2.433, PAPER.drive.ramp_s, float(T[-1]))
+    ringing = replace(PAPER, effects=(RINGING,))
+    alone = simulate_stroke(ringing, 0.215, motion, T)
+    remembered = recalled((RINGING,), 0.215)
+    (of_job,) = simulate_strokes([Job(ringing, 0.215, motion, T)])
+    here = StrokeRequest(set_up(PAPER, 0.215, motion), T, Tolerance())
+    varied = StrokeRequest(set_up(ringing, 0.215, motion), T, Tolerance())
+    ((beside, plain),) = simulate_variations(here, [varied])
+    for stroke in (remembered, of_job, beside):
+        assert np.array_equal(stroke.fz_N, alone.fz_N)
+    assert np.array_equal(plain.fz_N, recalled((), 0.215).fz_N)
 
 
 def test_used_working_memory_gives_the_same_bits_as_new_memory():

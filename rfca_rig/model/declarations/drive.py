@@ -8,7 +8,7 @@ MOTOR_SPEED_DROOP = Declaration(
     id="motor_speed_droop",
     where="drive",
     left_out="speed sags under load and surges after it",
-    law="tau = kp (w_c - w) + ki (theta_c - theta)",
+    law="J dw/dt = tau - load, tau = kp (w_c - w) + ki (theta_c - theta), J = 0.006 kg m2",
     source="PI speed control of a rotor",
     families=("drive_yields",),
     encoder=MOTOR_SIDE,
@@ -19,7 +19,10 @@ MOTOR_TORQUE_LIMIT = Declaration(
     id="motor_torque_limit",
     where="drive",
     left_out="the motor's torque is limited",
-    law="|tau| <= limit, tau = kp (w_c - w) + ki (theta_c - theta) within it",
+    law=(
+        "J dw/dt = tau - load, |tau| <= limit, tau = kp (w_c - w) + ki (theta_c - theta) within "
+        "it, J = 0.006 kg m2"
+    ),
     source="current limit of a servo drive; its integrator goes on, as without anti-windup",
     families=("drive_yields",),
     encoder=MOTOR_SIDE,
@@ -30,7 +33,10 @@ MOTOR_COGGING = Declaration(
     id="motor_cogging",
     where="drive",
     left_out="the motor cogs",
-    law="tau = T sin(n (theta - theta_0) + phase) beside kp (w_c - w) + ki (theta_c - theta)",
+    law=(
+        "J dw/dt = tau + T sin(n (theta - theta_0) + phase) - load, tau = kp (w_c - w) + ki "
+        "(theta_c - theta), theta_0 = theta_c before the motion, J = 0.006 kg m2"
+    ),
     source=(
         "cogging torque of permanent-magnet motors: teeth and magnets, n is their least "
         "common multiple"

@@ -108,7 +108,7 @@ SENSOR_RINGING = Declaration(
     id="sensor_ringing",
     where="sensor",
     left_out="the sensor swings under its load",
-    law="y'' + 2 d w y' + w^2 y = w^2 x for every channel",
+    law="y'' + 2 d w y' + w^2 y = w^2 x for every channel, at rest before the first sample",
     source=(
         "one mode of vibration of the sensor with what is bolted to it: Ewins, Modal Testing, 2000"
     ),

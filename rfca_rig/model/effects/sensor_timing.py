@@ -27,7 +27,7 @@ def apply_clock_offset(setup: Setup, values: Values) -> Setup:
         )
         return replace(felt, fy_N=fy, fz_N=fz, tx_Nm=tx)
 
-    return with_sensor(setup, shift)
+    return with_sensor(setup, shift, mixes_times=True)
 
 
 CLOCK_OFFSET = declared.CLOCK_OFFSET.make_effect(
@@ -51,7 +51,7 @@ def apply_sensor_clock_rate(setup: Setup, values: Values) -> Setup:
         )
         return replace(felt, fy_N=fy, fz_N=fz, tx_Nm=tx)
 
-    return with_sensor(setup, stretch)
+    return with_sensor(setup, stretch, mixes_times=True)
 
 
 SENSOR_CLOCK_RATE = declared.SENSOR_CLOCK_RATE.make_effect(
@@ -85,7 +85,7 @@ def apply_sensor_lag(setup: Setup, values: Values) -> Setup:
             tx_Nm=filter_first_order(t, felt.tx_Nm, tau),
         )
 
-    return with_sensor(setup, lag)
+    return with_sensor(setup, lag, mixes_times=True)
 
 
 def filter_first_order(t_s: Floats, x: Floats, tau_s: float) -> Floats:
@@ -142,7 +142,7 @@ def apply_sensor_ringing(setup: Setup, values: Values) -> Setup:
             tx_Nm=filter_second_order(t, felt.tx_Nm, across, ratio),
         )
 
-    return with_sensor(setup, ring)
+    return with_sensor(setup, ring, mixes_times=True)
 
 
 def filter_second_order(t_s: Floats, x: Floats, rate_rad_s: float, ratio: float) -> Floats:
