@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Hashable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -64,6 +64,16 @@ class SimulatedStroke:
     @property
     def shaft_angle_rad(self) -> Floats:
         return self.q_rad[:, 0]
+
+    def at(self, t_s: Floats) -> "SimulatedStroke":
+        """The stroke at some of its times (k,), ascending."""
+        rows = np.searchsorted(self.t_s, t_s)
+        chosen = {
+            part.name: getattr(self, part.name)[rows]
+            for part in fields(self)
+            if part.name not in ("steps", "rejected_steps")
+        }
+        return replace(self, **chosen)
 
 
 def simulate_stroke_at_speed(
@@ -302,23 +312,22 @@ def _sense(request: StrokeRequest, everything: Samples, cost: Steps) -> Simulate
     # The sensor sits below the shaft, so fy adds a moment to the shaft's torque.
     tx = torque + setup.rig.sensor.below_shaft_m * fy
     felt = setup.apply_sensor_changes(SensorOutput(everything.t, fy, fz, tx, everything.q[:, 0]))
-    if len(everything.t) == len(request.t_s):
-        asked: slice | NDArray[np.intp] = slice(None)
-    else:
-        asked = np.searchsorted(everything.t, request.t_s)
-    return SimulatedStroke(
-        t_s=everything.t[asked],
-        q_rad=everything.q[asked, :links],
-        w_rad_s=everything.w[asked, :links],
-        fy_N=felt.fy_N[asked],
-        fz_N=felt.fz_N[asked],
-        tx_Nm=felt.tx_Nm[asked],
-        shaft_torque_Nm=torque[asked],
-        normal_N=everything.contact[asked, 0],
-        tangential_N=everything.contact[asked, 1],
+    stroke = SimulatedStroke(
+        t_s=everything.t,
+        q_rad=everything.q[:, :links],
+        w_rad_s=everything.w[:, :links],
+        fy_N=felt.fy_N,
+        fz_N=felt.fz_N,
+        tx_Nm=felt.tx_Nm,
+        shaft_torque_Nm=torque,
+        normal_N=everything.contact[:, 0],
+        tangential_N=everything.contact[:, 1],
         steps=cost.accepted,
         rejected_steps=cost.rejected,
     )
+    if len(everything.t) == len(request.t_s):
+        return stroke
+    return stroke.at(request.t_s)
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionRe
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization
 from rfca_rig.diagnosis.leg.prepared import PreparedLeg
+from rfca_rig.diagnosis.leg.shaft_observations import ShaftCondition, make_shaft_condition
 from rfca_rig.diagnosis.leg.simulator import make_leg_dataset, nuisances_of
 from rfca_rig.diagnosis.leg.stages import make_stage_tables
 from rfca_rig.diagnosis.leg.strokes import DynamicCondition, make_dynamic_condition, make_turn
@@ -82,6 +83,18 @@ def flaps_of(strokes: Sequence[Stroke]) -> tuple[DynamicCondition, ...]:
     ]
     assert all(isinstance(flap, DynamicCondition) for flap in found)
     return tuple(found)  # type: ignore[arg-type]
+
+
+def shafts_of(
+    strokes: Sequence[Stroke], flaps: Sequence[DynamicCondition]
+) -> tuple[ShaftCondition, ...]:
+    """The motion of the shaft in the same conditions, up to the last sample of their forces."""
+    shafts = []
+    for condition, flap in zip(group_by_condition(strokes), flaps, strict=True):
+        shaft = make_shaft_condition(condition, float(flap.t_s[-1]), RIG.drive.ramp_s)
+        assert isinstance(shaft, ShaftCondition)
+        shafts.append(shaft)
+    return tuple(shafts)
 
 
 def present(effect: str, **values: float) -> PresentEffect:

@@ -14,7 +14,6 @@ from rfca_rig.diagnosis.leg.drive_search import list_drive_effects, search_drive
 from rfca_rig.diagnosis.leg.result import _describe_delay, _with_delay
 from rfca_rig.diagnosis.leg.shaft_observations import (
     estimate_delay_s,
-    make_shaft_condition,
     tracks_command,
     turns_as_commanded,
 )
@@ -36,6 +35,7 @@ from tests.diagnosis.by_hand import (
     prepared_of,
     present,
     recorded,
+    shafts_of,
     undecided,
 )
 
@@ -60,13 +60,6 @@ def test_a_drive_that_sags_is_looked_for_though_the_forces_look_a_little_like_a_
 
 
 LATE_S = 3e-3
-
-
-def shafts_of(strokes, flaps):
-    return [
-        make_shaft_condition(c, float(f.t_s[-1]), RIG.drive.ramp_s)
-        for c, f in zip(group_by_condition(strokes), flaps, strict=True)
-    ]
 
 
 def found_late(rig: RigModel) -> tuple[ModelSelectionResult, ModelSelectionResult]:

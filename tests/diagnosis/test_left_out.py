@@ -7,15 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rfca_rig.analysis.phases import find_valley
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.diagnosis.config import DEFAULT_SEARCH
 from rfca_rig.diagnosis.decision.decide import decide
+from rfca_rig.diagnosis.leg import left_out as left_out_module
 from rfca_rig.diagnosis.leg.drive_search import list_drive_effects, search_drive
 from rfca_rig.diagnosis.leg.findings import LegFindings
 from rfca_rig.diagnosis.leg.left_out import predict_left_out
 from rfca_rig.diagnosis.leg.result import average_valley_errors
-from rfca_rig.diagnosis.leg.shaft_observations import make_shaft_condition
-from rfca_rig.diagnosis.leg.strokes import make_turn
+from rfca_rig.diagnosis.leg.strokes import ShaftTurn, make_turn
 from rfca_rig.diagnosis.problem import DecidedSearch
 from rfca_rig.diagnosis.result import (
     BeforeAfter,
@@ -24,6 +25,7 @@ from rfca_rig.diagnosis.result import (
     LeftOutValley,
 )
 from rfca_rig.model.effect import MOTOR_SIDE
+from rfca_rig.model.stroke import recall_stroke
 from rfca_rig.reports.diagnosis.left_out import measure_misfits
 from tests.diagnosis.by_hand import (
     NOISE,
@@ -36,6 +38,7 @@ from tests.diagnosis.by_hand import (
     prepared_of,
     present,
     recorded,
+    shafts_of,
 )
 
 FOUR = ((215.0, 2.433), (215.0, 3.249), (235.0, 2.478), (235.0, 3.276))
@@ -51,12 +54,8 @@ def find_sag():
         replace(flap, turn=make_turn(condition, True))
         for condition, flap in zip(group_by_condition(strokes), flaps_of(strokes), strict=True)
     ]
-    shafts = [
-        make_shaft_condition(condition, float(flap.t_s[-1]), RIG.drive.ramp_s)
-        for condition, flap in zip(group_by_condition(strokes), flaps, strict=True)
-    ]
     leg = found_among(flaps, [""])
-    prepared = prepared_of(flaps, leg, shafts)
+    prepared = prepared_of(flaps, leg, shafts_of(strokes, flaps))
     droop = [e for e in list_drive_effects((MOTOR_SIDE,)) if e.id == "motor_speed_droop"]
     drive = search_drive(prepared, leg, droop, lambda *_: None, DEFAULT_SEARCH)
     forces = DecidedSearch((), leg, nothing_missing(leg))
@@ -82,6 +81,32 @@ def test_forces_fall_to_the_noise_though_they_fit_along_the_recorded_turn_before
         assert misfit.after < 1.6 * misfit.noise_floor
         assert condition.valley.time_error_pct.before > 2.0
         assert condition.valley.time_error_pct.after < 0.5
+
+
+def test_rows_and_valley_are_those_of_one_stroke(sag, monkeypatch):
+    prepared, findings = sag
+    nominal = findings.forces.search.nominal
+    point = nominal.coordinates.supposed(nominal.x)
+    simulated = []
+
+    def count_stroke(request, only_sensed):
+        simulated.append(request)
+        return recall_stroke(request, only_sensed)
+
+    monkeypatch.setattr(left_out_module, "recall_stroke", count_stroke)
+    left_out = predict_left_out(prepared, findings)
+    assert len(simulated) == 2 * len(prepared.flaps)
+    monkeypatch.undo()
+    for flap, condition in zip(prepared.flaps, left_out, strict=True):
+        turn = ShaftTurn(flap.turn.speed_rad_s, flap.turn.start_rad)
+        commanded = replace(flap, turn=turn)
+        rows = np.concatenate([overlay.before for overlay in condition.overlays])
+        # To the last bit the rows of a stroke that ends with them.
+        assert np.array_equal(rows, commanded.simulated(point))
+        whole = replace(commanded, t_s=np.arange(0.0, 1.3 * flap.phases.valley_s, 5e-4))
+        stroke = whole.stroke(point)
+        valley = find_valley(stroke.t_s, stroke.fz_N)
+        assert condition.valley.before == ForceMinimum(valley.time_s, valley.fz_N)
 
 
 def test_values_come_from_the_other_conditions_alone(sag):

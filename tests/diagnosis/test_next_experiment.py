@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.bench.expectation import predict_loads
 from rfca_rig.description.protocol_file import read_dynamic, read_static
 from rfca_rig.diagnosis.experiment_design.choice import ExpectedInformation, list_open_hypotheses
@@ -25,7 +24,6 @@ from rfca_rig.diagnosis.experiment_design.leg_experiment import (
 )
 from rfca_rig.diagnosis.leg.findings import LegFindings
 from rfca_rig.diagnosis.leg.prepared import PreparedLeg
-from rfca_rig.diagnosis.leg.shaft_observations import make_shaft_condition
 from rfca_rig.diagnosis.likelihood.covariance import RepeatScatter
 from rfca_rig.diagnosis.simulator import ScatterDirection
 from rfca_rig.errors import BadInput
@@ -43,6 +41,7 @@ from tests.diagnosis.by_hand import (
     prepared_of,
     present,
     recorded,
+    shafts_of,
     undecided,
 )
 
@@ -129,10 +128,7 @@ def test_a_drive_seen_at_one_speed_only_is_asked_at_another():
     )
     strokes = recorded(rig, ONE_SPEED)
     flaps = flaps_of(strokes)
-    shafts = [
-        make_shaft_condition(c, float(f.t_s[-1]), RIG.drive.ramp_s)
-        for c, f in zip(group_by_condition(strokes), flaps, strict=True)
-    ]
+    shafts = shafts_of(strokes, flaps)
     leg = found_among(flaps, [])
     drive = found_among(shafts, ["motor_speed_droop", "motor_speed_ripple"])
     findings = LegFindings(

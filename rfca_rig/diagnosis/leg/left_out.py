@@ -17,14 +17,14 @@ from rfca_rig.analysis.matched_simulation import DURATION_FACTOR, GRID_S
 from rfca_rig.analysis.phases import Undetermined, Valley, find_valley
 from rfca_rig.diagnosis.leg.findings import LegFindings, add_drive
 from rfca_rig.diagnosis.leg.prepared import PreparedLeg
-from rfca_rig.diagnosis.leg.strokes import STROKE_TOLERANCE, DynamicCondition, ShaftTurn
+from rfca_rig.diagnosis.leg.strokes import DynamicCondition, ShaftTurn
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import loo_estimates
 from rfca_rig.diagnosis.problem import DecidedSearch
 from rfca_rig.diagnosis.result import ForceMinimum, LeftOutCondition, LeftOutValley, SignalOverlay
 from rfca_rig.errors import BadInput, SimulationFailed
-from rfca_rig.model.catalogue import catalogue, set_up
+from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.parameters import PresentEffect
-from rfca_rig.model.stroke import StrokeRequest, recall_stroke
+from rfca_rig.model.stroke import recall_stroke
 
 Floats = NDArray[np.float64]
 
@@ -115,12 +115,18 @@ class _Prediction:
     @classmethod
     def of(cls, commanded: DynamicCondition, point: ModelPoint) -> "_Prediction":
         """By a model. Raises SimulationFailed and BadInput."""
+        # The rows may end before the force has come back from its valley.
         grid_s = np.arange(0.0, DURATION_FACTOR * commanded.phases.valley_s, GRID_S)
-        motion = commanded.turn.motion(point, float(grid_s[-1]))
-        height_m = commanded.height_m + point.height_offset_m
-        setup = set_up(point.rig, height_m, motion, commanded.strokes_before)
-        stroke = recall_stroke(StrokeRequest(setup, grid_s, STROKE_TOLERANCE), only_sensed=True)
-        return cls(commanded.simulated(point), find_valley(stroke.t_s, stroke.fz_N))
+        longer = replace(commanded, t_s=np.union1d(commanded.t_s, grid_s))
+        request = longer.request(point)
+        # A step ends with the rows, which are then those of a stroke that ends there.
+        motion = request.setup.motion
+        landings_s = np.append(motion.landings_s, commanded.t_s[-1])
+        setup = replace(request.setup, motion=replace(motion, landings_s=landings_s))
+        stroke = recall_stroke(replace(request, setup=setup), only_sensed=True)
+        course = stroke.at(grid_s)
+        rows = commanded.read(point, stroke.at(commanded.t_s))
+        return cls(rows, find_valley(course.t_s, course.fz_N))
 
 
 def _describe(flap: DynamicCondition, before: _Prediction, after: _Prediction) -> LeftOutCondition:

@@ -13,7 +13,6 @@ from rfca_rig.diagnosis.residual_force.law import describe_law
 from rfca_rig.diagnosis.result import (
     SHARED_ERROR,
     TIME_WAS_UP,
-    BeforeAfter,
     Diagnosis,
     Located,
     NamedEffect,
@@ -34,6 +33,7 @@ from rfca_rig.reports.diagnosis.tables import (
     describe_moved_prior,
     detection_limits_table,
     entries,
+    format_change,
     format_p_value,
     format_probability,
     format_with_interval_90,
@@ -58,7 +58,16 @@ FIGURES = 3
 SHOWN_REMARKS = (EXCLUDED, SHARED_ERROR, TIME_WAS_UP)
 # A console may have no other characters.
 ASCII = str.maketrans(
-    {"\u00a0": " ", "\u2212": "-", "\u2013": "-", "±": "+-", "²": "2", "³": "3", SIGMA: "sigma"}
+    {
+        "\u00a0": " ",
+        "\u2212": "-",
+        "\u2013": "-",
+        "\u2192": "->",
+        "±": "+-",
+        "²": "2",
+        "³": "3",
+        SIGMA: "sigma",
+    }
 )
 
 __all__ = ["terminal_lines", "write_diagnosis"]
@@ -162,18 +171,14 @@ def _figures(diagnosis: Diagnosis) -> Iterable[str]:
         words, unit = words_and_unit(name)
         held_out = diagnosis.held_out.get(f"held_out_{name}")
         if held_out:
-            held_out_text = f"; held out {_change(held_out)}"
+            held_out_text = f"; held out {format_change(held_out)}"
         else:
             held_out_text = ""
         if fit.noise_floor is None:
             floor = ""
         else:
             floor = f" (noise {format_significant(fit.noise_floor, 2)})"
-        yield f"{words}: {_change(fit)} {unit}{floor}{held_out_text}"
-
-
-def _change(figure: BeforeAfter) -> str:
-    return f"{format_significant(figure.before, 2)} -> {format_significant(figure.after, 2)}"
+        yield f"{words}: {format_change(fit)} {unit}{floor}{held_out_text}"
 
 
 def _wrap(text: str, most: int) -> Sequence[str]:

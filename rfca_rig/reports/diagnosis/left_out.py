@@ -3,7 +3,7 @@ as a figure, as a table with the rows of Table II, and in a sentence.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -12,7 +12,7 @@ from rfca_rig.diagnosis.data import rms
 from rfca_rig.diagnosis.result import BeforeAfter, Diagnosis, LeftOutCondition, SignalOverlay
 from rfca_rig.escaping import html_text
 from rfca_rig.reports.diagnosis.pictures import residuals_of
-from rfca_rig.reports.diagnosis.tables import list_signal_rows
+from rfca_rig.reports.diagnosis.tables import format_change, list_signal_rows
 from rfca_rig.reports.style import (
     ALIKE,
     FAINT,
@@ -39,6 +39,11 @@ PCT_DIGITS = 2
 TIME = "valley, time"
 SIZE = "valley, force"
 RMS = "fz, rms"
+CAPTION = (
+    "Conditions left out in turn: all values of the model after come from the others, and the "
+    "shaft is commanded. Valley: error of the force minimum, as in Table II. fz: measured "
+    "means less simulated, until shortly before lift-off."
+)
 CURVES = ("condition", "signal", "t_s", "measured", "nominal", "amended", "floor")
 
 
@@ -70,87 +75,90 @@ def describe_misfit(diagnosis: Diagnosis) -> str:
     )
 
 
+@dataclass(frozen=True)
+class LeftOutRow:
+    """Errors on a left-out condition, or on all of them: of its valley in time and force [%], and
+    the rms of fz [N]. None where it is not known.
+    """
+
+    name: str
+    time_pct: BeforeAfter | None
+    force_pct: BeforeAfter | None
+    fz_N: BeforeAfter | None
+
+
+def list_left_out_rows(diagnosis: Diagnosis) -> tuple[list[LeftOutRow], LeftOutRow | None]:
+    """A row per condition, and that of all conditions; None for the latter where fz was not
+    recorded.
+    """
+    rows = []
+    for condition in diagnosis.left_out:
+        time_pct = None
+        force_pct = None
+        if condition.valley is not None:
+            time_pct = condition.valley.time_error_pct
+            force_pct = condition.valley.force_error_pct
+        fz_N = measure_misfits([condition]).get(FORCE)
+        rows.append(LeftOutRow(condition.condition, time_pct, force_pct, fz_N))
+    of_all = measure_misfits(diagnosis.left_out).get(FORCE)
+    if of_all is None:
+        return rows, None
+    time_pct = diagnosis.valley.get("valley_time_error_pct")
+    force_pct = diagnosis.valley.get("valley_force_error_pct")
+    return rows, LeftOutRow("All", time_pct, force_pct, of_all)
+
+
 def describe_left_out(diagnosis: Diagnosis) -> str:
     """What the answer is worth on left-out conditions, in words; "" where there are none."""
-    misfit = measure_misfits(diagnosis.left_out).get(FORCE)
-    if misfit is None or misfit.noise_floor is None:
+    _, of_all = list_left_out_rows(diagnosis)
+    if of_all is None or of_all.fz_N is None or of_all.fz_N.noise_floor is None:
         return ""
     text = (
-        f"left out in turn, shaft as commanded: fz {format_significant(misfit.before, 2)} -> "
-        f"{format_significant(misfit.after, 2)} N (noise and scatter "
-        f"{format_significant(misfit.noise_floor, 2)})"
+        f"left out in turn, shaft as commanded: fz {format_change(of_all.fz_N)} N (noise and "
+        f"scatter {format_significant(of_all.fz_N.noise_floor, 2)})"
     )
-    if not diagnosis.valley:
+    if of_all.time_pct is None or of_all.force_pct is None:
         return text
-    time = diagnosis.valley["valley_time_error_pct"]
-    force = diagnosis.valley["valley_force_error_pct"]
     return (
-        f"{text}; valley {format_significant(time.before, 2)} -> "
-        f"{format_significant(time.after, 2)} % in time, {format_significant(force.before, 2)} -> "
-        f"{format_significant(force.after, 2)} % in force"
+        f"{text}; valley {format_change(of_all.time_pct)} % in time, "
+        f"{format_change(of_all.force_pct)} % in force"
     )
 
 
 def left_out_table(diagnosis: Diagnosis) -> Table:
     """A row per condition: errors of its valley, and rms of its fz, before and after."""
-    misfits = [
-        misfit
-        for condition in diagnosis.left_out
-        if (misfit := measure_misfits([condition]).get(FORCE)) is not None
-    ]
+    rows, of_all = list_left_out_rows(diagnosis)
+    digits = _count_digits([row.fz_N for row in rows if row.fz_N is not None])
     columns = (
         TableColumn("condition", "Condition"),
         TableColumn("time_before_pct", "before", over=TIME, digits=PCT_DIGITS),
         TableColumn("time_after_pct", "after", over=TIME, digits=PCT_DIGITS),
         TableColumn("force_before_pct", "before", over=SIZE, digits=PCT_DIGITS),
         TableColumn("force_after_pct", "after", over=SIZE, digits=PCT_DIGITS),
-        TableColumn("fz_before_N", "before", over=RMS, digits=_count_digits(misfits)),
-        TableColumn("fz_after_N", "after", over=RMS, digits=_count_digits(misfits)),
-        TableColumn("floor_N", "noise, scatter", over=RMS, digits=_count_digits(misfits)),
+        TableColumn("fz_before_N", "before", over=RMS, digits=digits),
+        TableColumn("fz_after_N", "after", over=RMS, digits=digits),
+        TableColumn("floor_N", "noise, scatter", over=RMS, digits=digits),
     )
     foot: tuple[Foot, ...] = ()
-    of_all = measure_misfits(diagnosis.left_out).get(FORCE)
     if of_all is not None:
-        values = _fz_values(of_all)
-        if diagnosis.valley:
-            time = diagnosis.valley["valley_time_error_pct"]
-            force = diagnosis.valley["valley_force_error_pct"]
-            values |= _valley_values(time, force)
-        foot = (Foot("All", values),)
-    caption = (
-        "Conditions left out in turn: all values of the model after come from the others, and the "
-        "shaft is commanded. Valley: error of the force minimum, as in Table II. fz: measured "
-        "means less simulated, until shortly before lift-off."
-    )
-    rows = tuple(_row(condition) for condition in diagnosis.left_out)
-    return Table("left-out", caption, columns, rows, foot)
+        foot = (Foot(of_all.name, _sizes(of_all)),)
+    table_rows = tuple(TableRow({"condition": row.name, **_sizes(row)}) for row in rows)
+    return Table("left-out", CAPTION, columns, table_rows, foot)
 
 
-def _row(condition: LeftOutCondition) -> TableRow:
-    values: dict[str, str | float | None] = {"condition": condition.condition}
-    if condition.valley is not None:
-        values |= _valley_values(condition.valley.time_error_pct, condition.valley.force_error_pct)
-    misfit = measure_misfits([condition]).get(FORCE)
-    if misfit is not None:
-        values |= _fz_values(misfit)
-    return TableRow(values)
-
-
-def _valley_values(time: BeforeAfter, force: BeforeAfter) -> dict[str, float | None]:
-    return {
-        "time_before_pct": time.before,
-        "time_after_pct": time.after,
-        "force_before_pct": force.before,
-        "force_after_pct": force.after,
-    }
-
-
-def _fz_values(misfit: BeforeAfter) -> dict[str, float | None]:
-    return {
-        "fz_before_N": misfit.before,
-        "fz_after_N": misfit.after,
-        "floor_N": misfit.noise_floor,
-    }
+def _sizes(row: LeftOutRow) -> dict[str, float | None]:
+    sizes: dict[str, float | None] = {}
+    if row.time_pct is not None:
+        sizes["time_before_pct"] = row.time_pct.before
+        sizes["time_after_pct"] = row.time_pct.after
+    if row.force_pct is not None:
+        sizes["force_before_pct"] = row.force_pct.before
+        sizes["force_after_pct"] = row.force_pct.after
+    if row.fz_N is not None:
+        sizes["fz_before_N"] = row.fz_N.before
+        sizes["fz_after_N"] = row.fz_N.after
+        sizes["floor_N"] = row.fz_N.noise_floor
+    return sizes
 
 
 def _count_digits(misfits: Sequence[BeforeAfter]) -> int:

@@ -3,7 +3,7 @@ what the answer is worth: of a leg on conditions that were left out, else the re
 after.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from math import isfinite
 from pathlib import Path
 
@@ -12,14 +12,21 @@ from markupsafe import Markup
 from rfca_rig.diagnosis.leg.problem import MODEL
 from rfca_rig.diagnosis.result import Diagnosis, name_parts
 from rfca_rig.reports.diagnosis.left_out import (
+    CAPTION,
+    LeftOutRow,
     choose_shown,
     describe_misfit,
     describe_shown,
     draw_left_out,
-    left_out_table,
+    list_left_out_rows,
 )
 from rfca_rig.reports.diagnosis.pictures import draw_residual
-from rfca_rig.reports.diagnosis.tables import all_misfits, format_probability, with_typography
+from rfca_rig.reports.diagnosis.tables import (
+    all_misfits,
+    format_change,
+    format_probability,
+    with_typography,
+)
 from rfca_rig.reports.elements import (
     EMPTY,
     aside,
@@ -37,7 +44,6 @@ from rfca_rig.reports.elements import (
 )
 from rfca_rig.reports.html_table import NUMBER, HtmlCell, HtmlColumn, HtmlFoot, card_table
 from rfca_rig.reports.provenance import PROGRAM, PageContext, command_line
-from rfca_rig.reports.table import Value
 from rfca_rig.reports.text import NOTHING, format_significant, signal_words
 
 # What a grade means, and what its probability is one of.
@@ -101,11 +107,6 @@ LEFT_OUT = (
     HtmlColumn("Valley, time (%)", NUMBER),
     HtmlColumn("Valley, force (%)", NUMBER),
     HtmlColumn("fz, rms (N)", NUMBER),
-)
-CHANGES = (
-    ("time_before_pct", "time_after_pct"),
-    ("force_before_pct", "force_after_pct"),
-    ("fz_before_N", "fz_after_N"),
 )
 LEFT_OUT_FILES = csv_links("left-out.csv", "left-out-signals.csv")
 # Folder for the report of recordings beside the model file of a leg.
@@ -191,28 +192,29 @@ def name_comparison(
 
 def _show_left_out(diagnosis: Diagnosis) -> Markup:
     """Valleys and forces of the left-out conditions, before and after, a row each."""
-    table = left_out_table(diagnosis)
-    rows = []
-    for row in table.rows:
-        changes = [_change(row.values, *keys) for keys in CHANGES]
-        rows.append([str(row.values["condition"]), *changes])
+    rows, of_all = list_left_out_rows(diagnosis)
     feet = []
-    for foot in table.foot:
-        cells = [HtmlCell(_change(foot.values, *keys), NUMBER) for keys in CHANGES]
-        feet.append(HtmlFoot(foot.words, 1, tuple(cells)))
+    if of_all is not None:
+        cells = [HtmlCell(text, NUMBER) for text in _changes(of_all)]
+        feet.append(HtmlFoot(of_all.name, 1, tuple(cells)))
+    cells_of_rows = [[row.name, *_changes(row)] for row in rows]
     return join(
         "\n",
         [
-            card_table("left-out conditions", LEFT_OUT, rows, feet),
-            aside(join(" ", [table.caption, LEFT_OUT_FILES])),
+            card_table("left-out conditions", LEFT_OUT, cells_of_rows, feet),
+            aside(join(" ", [CAPTION, LEFT_OUT_FILES])),
         ],
     )
 
 
-def _change(values: Mapping[str, Value], before: str, after: str) -> str:
-    sizes = [values.get(key) for key in (before, after)]
-    known = [format_significant(size, 2) for size in sizes if isinstance(size, float)]
-    return " \u2192 ".join(known) or NOTHING
+def _changes(row: LeftOutRow) -> list[str]:
+    changes = []
+    for figure in (row.time_pct, row.force_pct, row.fz_N):
+        if figure is None:
+            changes.append(NOTHING)
+        else:
+            changes.append(format_change(figure))
+    return changes
 
 
 def _residual(diagnosis: Diagnosis) -> Markup:

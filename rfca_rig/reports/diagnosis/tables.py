@@ -76,6 +76,12 @@ def format_with_interval_90(value: Value) -> str:
     return f"{format_decimals(value.value, places)} ± {format_decimals(half, places)}"
 
 
+def format_change(figure: BeforeAfter) -> str:
+    """A figure before and after, both to two digits, with an arrow between."""
+    before = format_significant(figure.before, 2)
+    return f"{before} \u2192 {format_significant(figure.after, 2)}"
+
+
 def format_probability(probability: float) -> str:
     """A probability in percent, never shown as certain: neither 0 nor 100."""
     if isfinite(probability):
