@@ -116,7 +116,7 @@ def _check_known(module: ModuleType, kind: str, name: str, known: list[str]) -> 
 
 
 # Parts of a setup that move the leg, all but the changes of the sensor.
-_OF_SENSOR = ("sensor_changes", "mixes_times")
+_OF_SENSOR = ("sensor_changes", "sensed_every_s")
 _MOVING = tuple(part.name for part in fields(Setup) if part.name not in _OF_SENSOR)
 
 

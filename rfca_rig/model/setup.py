@@ -73,8 +73,8 @@ class Setup:
     - `laws`: added to the equations of motion; `laws_of_chain` are built from the finished chain,
       because they depend on other effects.
     - `drive`: a compliant drive between command and shaft.
-    - `sensor_changes`: applied to the sensor's channels. `mixes_times` says that one of them
-      makes a reading depend on the force at other times.
+    - `sensor_changes`: applied to the sensor's channels. Those that make a reading depend on the
+      force at other times need it every `sensed_every_s`, or more often.
     - `begins`: initial states, of what swings already where a recording begins.
 
     `strokes_before` holds, for each stroke whose mean is simulated, how many strokes the leg had
@@ -90,7 +90,7 @@ class Setup:
     laws_of_chain: tuple[Callable[[Chain], LawUse], ...] = ()
     drive: CompliantDrive | None = None
     sensor_changes: tuple[Callable[[SensorOutput], SensorOutput], ...] = field(default=())
-    mixes_times: bool = False
+    sensed_every_s: float = float(np.inf)
     begins: tuple[Callable[[Chain, State], None], ...] = ()
     strokes_before: tuple[int, ...] = ()
     moved_by: tuple[tuple[Hashable, PresentEffect], ...] = ()
@@ -231,13 +231,15 @@ def with_chain(setup: Setup, change: Callable[[Chain], Chain]) -> Setup:
 
 
 def with_sensor(
-    setup: Setup, change: Callable[[SensorOutput], SensorOutput], mixes_times: bool = False
+    setup: Setup,
+    change: Callable[[SensorOutput], SensorOutput],
+    sensed_every_s: float = float(np.inf),
 ) -> Setup:
-    """The setup with one more change of the sensor's channels; `mixes_times` as in `Setup`."""
+    """The setup with one more change of the sensor's channels; `sensed_every_s` as in `Setup`."""
     return replace(
         setup,
         sensor_changes=(*setup.sensor_changes, change),
-        mixes_times=setup.mixes_times or mixes_times,
+        sensed_every_s=min(setup.sensed_every_s, sensed_every_s),
     )
 
 

@@ -33,12 +33,6 @@ from rfca_rig.model.side_by_side import (
 
 Floats = NDArray[np.float64]
 
-# Spacing of the forces from which a sensor that mixes times is computed: it takes them as linear
-# in between, which their jumps at touchdown and lift-off are not. At 2, 1, 0.5 and 0.25 ms, a
-# stroke (215 mm, 2.433 rad/s) of a sensor that rings at 40 Hz with a ratio of 0.06 is off by 0.46,
-# 0.11, 0.03 and 0.01 % rms; one at 200 Hz with 0.005 by 2.3, 0.42, 0.14 and 0.07 %.
-SENSED_EVERY_S = 2.5e-4
-
 
 @dataclass(frozen=True)
 class SimulatedStroke:
@@ -214,7 +208,8 @@ def recall_stroke(request: StrokeRequest, only_sensed: bool = False) -> Simulate
     For a search, which tries dozens of effects of the sensor on one motion of the leg. If
     `only_sensed`, the stroke holds no more than the shaft's angle and the forces.
     """
-    key = (request.motion, request.setup.mixes_times, only_sensed)
+    sampled = len(_sensed_times(request.t_s, request.setup.sensed_every_s))
+    key = (request.motion, sampled, only_sensed)
     samples, cost = _move_once(_Motion(key, request, only_sensed))
     # Whoever gets a stroke may change its arrays.
     return _sense(request, Samples(*(column.copy() for column in samples)), cost)
@@ -230,7 +225,7 @@ class _Motion:
 # Enough for the conditions of a campaign, in several threads. A whole stroke has 0.4 MB.
 @lru_cache(maxsize=32)
 def _move_once(motion: _Motion) -> tuple[Samples, Steps]:
-    return _move(motion.request, motion.request.setup.mixes_times, motion.only_sensed)
+    return _move(motion.request, motion.request.setup.sensed_every_s, motion.only_sensed)
 
 
 def simulate_setup(
@@ -240,12 +235,12 @@ def simulate_setup(
     `only_sensed` as in `recall_stroke`.
     """
     request = StrokeRequest(setup, t_s, tolerance or Tolerance())
-    return _sense(request, *_move(request, setup.mixes_times, only_sensed))
+    return _sense(request, *_move(request, setup.sensed_every_s, only_sensed))
 
 
-def _move(request: StrokeRequest, between: bool, only_sensed: bool) -> tuple[Samples, Steps]:
+def _move(request: StrokeRequest, every_s: float, only_sensed: bool) -> tuple[Samples, Steps]:
     setup = request.setup
-    t_s = _sensed_times(request.t_s, between)
+    t_s = _sensed_times(request.t_s, every_s)
     leg = _begin(setup)
     out = allocate_samples_of_leg(t_s, leg.state, only_sensed)
     moving = _fill_rest(leg, setup.begins_s, out)
@@ -263,15 +258,15 @@ def _move(request: StrokeRequest, between: bool, only_sensed: bool) -> tuple[Sam
     )
 
 
-def _sensed_times(t_s: Floats, between: bool) -> Floats:
-    """The times `t_s` (m,) and, if `between`, as many even ones among them as `SENSED_EVERY_S`
-    asks for.
+def _sensed_times(t_s: Floats, every_s: float) -> Floats:
+    """The times `t_s` (m,), and even ones between them so that none are farther apart than
+    `every_s`.
     """
-    if not between:
-        return t_s
     spacing = np.diff(t_s)
     # Rounding must not add a piece to a spacing that is a multiple already.
-    pieces = np.maximum(np.ceil(spacing / SENSED_EVERY_S - 1e-6), 1.0).astype(np.intp)
+    pieces = np.maximum(np.ceil(spacing / every_s - 1e-6), 1.0).astype(np.intp)
+    if (pieces == 1).all():
+        return t_s
     first = np.repeat(np.cumsum(pieces) - pieces, pieces)
     share = (np.arange(first.size) - first) / np.repeat(pieces, pieces)
     times = np.repeat(t_s[:-1], pieces) + share * np.repeat(spacing, pieces)
@@ -371,7 +366,7 @@ def simulate_strokes(
     def simulate(block: Sequence[int]) -> None:
         # Sensed at once, while the samples are in the processor's cache.
         of_block = [requests[number] for number in block]
-        moved = _move_block(of_block, _any_mixes_times(of_block), only_sensed)
+        moved = _move_block(of_block, _least_spacing_s(of_block), only_sensed)
         for number, motion in zip(block, moved, strict=True):
             if isinstance(motion, SimulationFailed):
                 results[number] = motion
@@ -435,7 +430,7 @@ def simulate_variations(
         variation has no answer.
     """
     # The stroke and what shares its motion are sensed from the same samples.
-    between = _any_mixes_times([here, *varied])
+    every_s = _least_spacing_s([here, *varied])
     # Motions are numbered, because comparing them takes long. What changes only the sensor shares
     # motion 0, that of `here`.
     numbers = {here.motion: 0}
@@ -465,17 +460,17 @@ def simulate_variations(
     for places in _divide_into_blocks([first_of[number] for number in beside], LANES - 1):
         block = [beside[index] for index in places]
         reference, *moved = _move_block(
-            [here, *(first_of[number] for number in block)], between, only_sensed
+            [here, *(first_of[number] for number in block)], every_s, only_sensed
         )
         store(reference, block, moved)
     for places in _divide_into_blocks([first_of[number] for number in apart], LANES):
         block = [apart[index] for index in places]
-        moved = _move_block([first_of[number] for number in block], between, only_sensed)
+        moved = _move_block([first_of[number] for number in block], every_s, only_sensed)
         motions.update(
             (number, (motion, None)) for number, motion in zip(block, moved, strict=True)
         )
     if 0 not in motions and 0 in motion_of:
-        store(_move_alone(here, between, only_sensed), (), ())
+        store(_move_alone(here, every_s, only_sensed), (), ())
     pairs: list[Pair | SimulationFailed] = []
     for number, request in zip(motion_of, varied, strict=True):
         motion, stroke = motions[number]
@@ -532,11 +527,13 @@ def _order_by_likeness(requests: Sequence[StrokeRequest]) -> Sequence[int]:
     return order(np.arange(len(requests)))
 
 
-def _any_mixes_times(requests: Sequence[StrokeRequest]) -> bool:
-    return any(request.setup.mixes_times for request in requests)
+def _least_spacing_s(requests: Sequence[StrokeRequest]) -> float:
+    return min(request.setup.sensed_every_s for request in requests)
 
 
-def _move_block(requests: Sequence[StrokeRequest], between: bool, only_sensed: bool) -> list[Moved]:
+def _move_block(
+    requests: Sequence[StrokeRequest], every_s: float, only_sensed: bool
+) -> list[Moved]:
     """Moves up to eight legs with the same sample times, side by side where the compiled chain
     allows it and all of them succeed.
 
@@ -544,7 +541,7 @@ def _move_block(requests: Sequence[StrokeRequest], between: bool, only_sensed: b
     shaft's angle and the forces.
     """
     setups = [request.setup for request in requests]
-    t_s = _sensed_times(requests[0].t_s, between)
+    t_s = _sensed_times(requests[0].t_s, every_s)
     try:
         legs = [_begin(setup) for setup in setups]
         if len(legs) > 1 and len({leg.kind for leg in legs}) == 1:
@@ -567,12 +564,12 @@ def _move_block(requests: Sequence[StrokeRequest], between: bool, only_sensed: b
     except SimulationFailed:
         # Below, each stroke succeeds or fails alone.
         pass
-    return [_move_alone(request, between, only_sensed) for request in requests]
+    return [_move_alone(request, every_s, only_sensed) for request in requests]
 
 
-def _move_alone(request: StrokeRequest, between: bool, only_sensed: bool) -> Moved:
+def _move_alone(request: StrokeRequest, every_s: float, only_sensed: bool) -> Moved:
     try:
-        return _move(request, between, only_sensed)
+        return _move(request, every_s, only_sensed)
     except SimulationFailed as failed:
         # One stroke that fails must not lose the others.
         return failed

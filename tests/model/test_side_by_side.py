@@ -95,9 +95,9 @@ def test_what_changes_only_the_sensor_shares_the_motion(monkeypatch):
     moved = []
     move = stroke_module._move_block
 
-    def count_legs(requests, between, only_sensed):
+    def count_legs(requests, every_s, only_sensed):
         moved.append(len(requests))
-        return move(requests, between, only_sensed)
+        return move(requests, every_s, only_sensed)
 
     monkeypatch.setattr(stroke_module, "_move_block", count_legs)
     gain, stiff, both = simulate_variations(request(PAPER), varied)

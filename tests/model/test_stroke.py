@@ -160,7 +160,7 @@ def test_a_sensor_that_mixes_times_reads_the_same_however_rarely_it_is_sampled(e
     for name in ("fy_N", "fz_N", "tx_Nm"):
         expected = getattr(often, name)[::40]
         off = getattr(rarely, name) - expected
-        assert np.sqrt(np.mean(off**2)) < 3e-4 * np.sqrt(np.mean(expected**2))
+        assert np.sqrt(np.mean(off**2)) < 1e-3 * np.sqrt(np.mean(expected**2))
 
 
 def test_a_sensor_that_mixes_times_leaves_the_leg_and_its_samples_as_they_are(stroke):

@@ -12,6 +12,15 @@ from rfca_rig.model.setup import SensorOutput, Setup, with_sensor
 
 Floats = NDArray[np.float64]
 
+# Effects on time take the force as linear between the times at which it is simulated, which its
+# jumps at touchdown and lift-off are not. Over a stroke (215 mm, 2.433 rad/s) with the force every
+# 2, 1, 0.5 and 0.25 ms, readings are off by, in percent rms:
+# - a clock that is late by 0.5 ms: 0.27, 0.12, 0 and 0; by 13.7 ms: 0.15, 0.08, 0.03 and 0.004
+# - a sensor that rings at 40 Hz, ratio 0.06: 0.46, 0.11, 0.03 and 0.01; at 200 Hz, ratio 0.005:
+#   2.3, 0.42, 0.14 and 0.07
+CLOCKS_EVERY_S = 5e-4
+FILTERS_EVERY_S = 2.5e-4
+
 
 # A constant offset between the clocks of force sensor and shaft.
 
@@ -27,7 +36,7 @@ def apply_clock_offset(setup: Setup, values: Values) -> Setup:
         )
         return replace(felt, fy_N=fy, fz_N=fz, tx_Nm=tx)
 
-    return with_sensor(setup, shift, mixes_times=True)
+    return with_sensor(setup, shift, CLOCKS_EVERY_S)
 
 
 CLOCK_OFFSET = declared.CLOCK_OFFSET.make_effect(
@@ -51,7 +60,7 @@ def apply_sensor_clock_rate(setup: Setup, values: Values) -> Setup:
         )
         return replace(felt, fy_N=fy, fz_N=fz, tx_Nm=tx)
 
-    return with_sensor(setup, stretch, mixes_times=True)
+    return with_sensor(setup, stretch, CLOCKS_EVERY_S)
 
 
 SENSOR_CLOCK_RATE = declared.SENSOR_CLOCK_RATE.make_effect(
@@ -85,7 +94,7 @@ def apply_sensor_lag(setup: Setup, values: Values) -> Setup:
             tx_Nm=filter_first_order(t, felt.tx_Nm, tau),
         )
 
-    return with_sensor(setup, lag, mixes_times=True)
+    return with_sensor(setup, lag, FILTERS_EVERY_S)
 
 
 def filter_first_order(t_s: Floats, x: Floats, tau_s: float) -> Floats:
@@ -142,7 +151,7 @@ def apply_sensor_ringing(setup: Setup, values: Values) -> Setup:
             tx_Nm=filter_second_order(t, felt.tx_Nm, across, ratio),
         )
 
-    return with_sensor(setup, ring, mixes_times=True)
+    return with_sensor(setup, ring, FILTERS_EVERY_S)
 
 
 def filter_second_order(t_s: Floats, x: Floats, rate_rad_s: float, ratio: float) -> Floats:
