@@ -1,6 +1,7 @@
 """What recordings would have shown, and what chance makes of many looks at once."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,12 +10,14 @@ from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.diagnosis.decision.sizes import _threshold, find_detection_limits
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, coordinate_of
 from rfca_rig.diagnosis.inference.screening import EffectProbe
+from rfca_rig.diagnosis.leg import problem as leg_problem
 from rfca_rig.diagnosis.leg.drive_search import find_excluded_sizes
 from rfca_rig.diagnosis.leg.shaft_observations import make_shaft_condition, tracking_error
 from rfca_rig.diagnosis.residual_force.mismatch_map import _holm
 from rfca_rig.diagnosis.result import NotSeen, join_not_seen
 from rfca_rig.model.catalogue import catalogue
 from tests.diagnosis.by_hand import RIG, late, present, recorded
+from tests.diagnosis.test_invariants import IDENTIFIED
 
 
 def test_a_force_in_proportion_to_size_is_seen_where_its_square_reaches_what_is_needed():
@@ -118,6 +121,19 @@ def test_an_effect_that_forces_and_shaft_would_have_shown_is_listed_once():
     joined = join_not_seen(by_forces, by_shaft)
     assert [one.id for one in joined] == ["motor_speed_droop", "shaft_compliance", "tip_mass"]
     assert [one.would_have_seen for one in joined] == [{"kp": 40.0}, {"k": 900.0}, {"m": 3.0}]
+
+
+def test_a_shaft_that_follows_does_not_exclude_what_the_forces_show(monkeypatch):
+    """The leg may turn behind an encoder that follows its command."""
+    forces = replace(IDENTIFIED, not_seen=())
+    monkeypatch.setattr(leg_problem, "build_leg_result", lambda *_: forces)
+    prepared = SimpleNamespace(shafts=shafts_of(RIG), as_commanded=True, rig=RIG)
+    decision = SimpleNamespace(suspects=frozenset({"shaft_compliance", "shaft_play"}))
+    findings = SimpleNamespace(shaft=None, forces=SimpleNamespace(decision=decision))
+    diagnosis = leg_problem.LegSolution(prepared, findings, None).describe()
+    excluded = {effect.id for effect in diagnosis.not_seen}
+    assert "motor_speed_droop" in excluded
+    assert excluded.isdisjoint(decision.suspects)
 
 
 def test_a_drive_that_the_rig_is_believed_to_have_is_not_ruled_out():

@@ -110,7 +110,13 @@ class LegSolution(Solution):
         prepared = self.prepared
         if self.findings.shaft is not None or not (prepared.shafts and prepared.as_commanded):
             return diagnosis
-        effects = list_drive_effects((MOTOR_SIDE, LEG_SIDE))
+        # Not those that the forces show: a shaft that gives way behind the encoder follows, too.
+        suspects = self.findings.forces.decision.suspects
+        effects = [
+            effect
+            for effect in list_drive_effects((MOTOR_SIDE, LEG_SIDE))
+            if effect.id not in suspects
+        ]
         tracked = find_excluded_sizes(prepared.shafts, prepared.rig, effects)
         return replace(diagnosis, not_seen=join_not_seen(diagnosis.not_seen, tracked))
 
