@@ -124,6 +124,7 @@ def _with_angles(
         stage,
         hinge_deg=_degrees(angles.hinge_rad),
         hinge_std_deg=_degrees(angles.hinge_std_rad),
+        hinge_reading_std_deg=_degrees(angles.hinge_reading_std_rad),
         photo_doubts="; ".join([*doubts, *_describe_hinges(identified, angles, eye.plan)]),
     )
 
@@ -285,7 +286,13 @@ def with_hand_photos(
         unread = (float("nan"),) * len(stage.hinge_deg)
         stages.append(
             replace(
-                stage, hinge_deg=unread, hinge_std_deg=(), photo=name, overlay="", photo_doubts=""
+                stage,
+                hinge_deg=unread,
+                hinge_std_deg=(),
+                hinge_reading_std_deg=(),
+                photo=name,
+                overlay="",
+                photo_doubts="",
             )
         )
     read = read_stage_photos(stages, run_folder, eye, report_progress)

@@ -74,7 +74,9 @@ class StaticStage:
     """One settled stage of the static experiment: means after settling.
 
     `hinge_deg` (6,) is NaN where no photo gave the angle. `hinge_std_deg` (6,), one standard
-    deviation of each hinge angle, is NaN where unknown. `settled` is None where the recording does
+    deviation of each hinge angle, is NaN where unknown. `hinge_reading_std_deg` (6,) is the part of
+    it that differs from photo to photo, NaN where unknown; the rest is how the marks are glued, the
+    same in all photos of a leg. `settled` is None where the recording does
     not say. `photo` and `overlay` are paths in the run's folder, `photo_doubts` what the photo did
     not show; "" for none. `strokes_before` as in `Stroke`. `held_s` is how long the shaft had stood
     in the middle of the reading, None where unknown.
@@ -96,6 +98,7 @@ class StaticStage:
     photo_doubts: str = ""
     strokes_before: int | None = None
     held_s: float | None = None
+    hinge_reading_std_deg: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         """Raises ValueError for a photo that lies outside the run's folder."""
@@ -104,10 +107,11 @@ class StaticStage:
                 f"the picture {self.photo or self.overlay} of a static stage lies outside "
                 "the run's folder"
             )
-        if not self.hinge_std_deg:
-            # The dataclass is frozen; the default depends on the number of hinges, so a field
-            # default cannot state it.
-            object.__setattr__(self, "hinge_std_deg", (math.nan,) * len(self.hinge_deg))
+        for name in ("hinge_std_deg", "hinge_reading_std_deg"):
+            if not getattr(self, name):
+                # The dataclass is frozen; the default depends on the number of hinges, so a field
+                # default cannot state it.
+                object.__setattr__(self, name, (math.nan,) * len(self.hinge_deg))
 
     @property
     def bend_deg(self) -> float:

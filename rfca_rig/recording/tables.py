@@ -86,6 +86,9 @@ def _columns(stages: Sequence[StaticStage]) -> dict[str, Column]:
     stds = np.array([stage.hinge_std_deg for stage in stages], dtype=np.float64).reshape(
         hinges.shape
     )
+    reading_stds = np.array(
+        [stage.hinge_reading_std_deg for stage in stages], dtype=np.float64
+    ).reshape(hinges.shape)
     columns = {
         "height_mm": _floats([height_mm(stage.height_m) for stage in stages], "mm"),
         "stage": Column(np.array([stage.stage for stage in stages], dtype=np.int64), ""),
@@ -95,6 +98,9 @@ def _columns(stages: Sequence[StaticStage]) -> dict[str, Column]:
     for name, angles in zip(_hinge_names(hinges.shape[1]), hinges.T, strict=True):
         columns[name] = _floats(angles, "deg")
     for name, hinge_stds in zip(_hinge_std_names(hinges.shape[1]), stds.T, strict=True):
+        columns[name] = _floats(hinge_stds, "deg")
+    reading_names = _hinge_reading_std_names(hinges.shape[1])
+    for name, hinge_stds in zip(reading_names, reading_stds.T, strict=True):
         columns[name] = _floats(hinge_stds, "deg")
     for name in _std_names(stages):
         columns[f"std_{name}"] = _floats([stage.std.get(name, math.nan) for stage in stages], "")
@@ -121,6 +127,10 @@ def _hinge_std_names(hinges: int) -> list[str]:
     return [f"hinge{i}_std_deg" for i in range(2, 2 + hinges)]
 
 
+def _hinge_reading_std_names(hinges: int) -> list[str]:
+    return [f"hinge{i}_reading_std_deg" for i in range(2, 2 + hinges)]
+
+
 def _std_names(stages: Sequence[StaticStage]) -> list[str]:
     return list(dict.fromkeys(name for stage in stages for name in stage.std))
 
@@ -135,13 +145,14 @@ def read_static(parent: h5py.Group) -> tuple[StaticStage, ...]:
         raise ValueError(f"{hinges} hinges, where the table has {len(group)} columns")
     # Columns that older files lack are read only where they exist.
     std = read_names(group.attrs["std"])
-    nominal = [name for name in _hinge_std_names(hinges) if name in group]
+    std_names = (*_hinge_std_names(hinges), *_hinge_reading_std_names(hinges))
+    hinge_stds = [name for name in std_names if name in group]
     names = [
         "height_mm",
         "stage",
         *_PLAIN,
         *_hinge_names(hinges),
-        *nominal,
+        *hinge_stds,
         *(f"std_{name}" for name in std),
         "settled",
     ]
@@ -175,6 +186,9 @@ def _stage(row: dict[str, Any], hinges: int, std: Sequence[str]) -> StaticStage:
         direction=cast(Direction, row["direction"]),
         hinge_deg=tuple(row[name] for name in _hinge_names(hinges)),
         hinge_std_deg=tuple(row.get(name, math.nan) for name in _hinge_std_names(hinges)),
+        hinge_reading_std_deg=tuple(
+            row.get(name, math.nan) for name in _hinge_reading_std_names(hinges)
+        ),
         std={name: row[f"std_{name}"] for name in std if not math.isnan(row[f"std_{name}"])},
         settled=settled,
         held_s=held_s,

@@ -10,8 +10,9 @@ An angle that is known to worse than 0.3 degrees is None. Where a mark is missin
 leave two solutions that are reflections of each other; one is reported only if the other photos of
 the leg exclude its reflection.
 
-The standard deviations do not include the camera's calibration or the placement of the marks within
-the plane.
+Marks are glued beside their places within the plane, too. These errors are unknowns of the fit,
+with a prior: photos determine a part of them, and the standard deviations hold what is left. They
+do not hold the error of the camera's calibration.
 """
 
 from collections.abc import Sequence
@@ -55,6 +56,10 @@ FULL_STEPS = 40
 DAMPED_STEPS = 120
 # Step (rad, m, or a ratio) from which on nothing changes any more.
 CONVERGED = 1e-9
+# Error of gluing a mark within the plane, standard deviation in each direction: by eye, with a
+# template. Between marks that are 39.3 mm apart it turns a hinge angle by sqrt(6) 0.1 / 39.3 rad,
+# 0.36 degrees.
+GLUING_STD_M = 1.0e-4
 # Of the scaled information, where a step has made the fit worse.
 FIRST_DAMPING = 1e-4
 
@@ -64,7 +69,9 @@ class HingeAngles:
     """Absolute link angles and relative hinge angles in rad; the first hinge angle is the shaft's.
     None where it is not determined.
 
-    Standard deviations accordingly. Covariances (links, links) rad2 are NaN in rows and columns of
+    Standard deviations accordingly. `hinge_reading_std_rad` is the part that remains where it is
+    known how the marks are glued: the error of a photo, which differs from photo to photo.
+    Covariances (links, links) rad2 are NaN in rows and columns of
     undetermined angles.
     """
 
@@ -74,6 +81,7 @@ class HingeAngles:
     hinge_rad: tuple[float | None, ...]
     hinge_std_rad: tuple[float | None, ...]
     hinge_covariance_rad2: Floats
+    hinge_reading_std_rad: tuple[float | None, ...]
 
 
 @dataclass(frozen=True)
@@ -112,6 +120,7 @@ def hinge_angles(
     *,
     shaft_std_m: float = SHAFT_STD_M,
     offset_std_m: Sequence[float] = OFFSET_STD_M,
+    gluing_std_m: float = GLUING_STD_M,
 ) -> HingeAngles:
     """The leg's angles in one photo, as far as the identified marks determine them.
 
@@ -129,6 +138,8 @@ def hinge_angles(
         Standard deviation of the shaft axis in the camera's calibration.
     offset_std_m : sequence of floats
         Possible standard deviations of the marks' distances from the plane of motion.
+    gluing_std_m : float
+        Standard deviation of the marks' places within the plane, in each direction.
 
     Returns
     -------
@@ -142,6 +153,7 @@ def hinge_angles(
         link_lengths_m,
         shaft_std_m=shaft_std_m,
         offset_std_m=offset_std_m,
+        gluing_std_m=gluing_std_m,
     ).angles[0]
 
 
@@ -153,6 +165,7 @@ def fit_leg(
     *,
     shaft_std_m: float = SHAFT_STD_M,
     offset_std_m: Sequence[float] = OFFSET_STD_M,
+    gluing_std_m: float = GLUING_STD_M,
 ) -> LegFit:
     """The angles in several photos of one leg, whose marks stay where they are glued.
 
@@ -160,7 +173,7 @@ def fit_leg(
     ----------
     photos : sequence of IdentifiedMarks
         The marks of each photo.
-    camera, plan, link_lengths_m, shaft_std_m, offset_std_m
+    camera, plan, link_lengths_m, shaft_std_m, offset_std_m, gluing_std_m
         As for `hinge_angles`.
 
     Returns
@@ -182,7 +195,7 @@ def fit_leg(
         np.asarray(-camera.rotation.T @ camera.translation_m),
         shaft_std_m,
     )
-    fit = _mix([_solve(problem, LENGTH_STD_M, std) for std in offset_std_m])
+    fit = _mix([_solve(problem, LENGTH_STD_M, std, gluing_std_m) for std in offset_std_m])
     offsets, offset_std = _offsets(problem, fit)
     # Twice the mean over both coordinates is the mean squared distance.
     misfit = float(np.sqrt(2.0 * np.mean(np.concatenate(fit.misses_m) ** 2)))
@@ -207,7 +220,7 @@ def fit_leg(
     # What the marks of each photo determine with lengths that do not.
     single = [replace(problem, photos=(photo,)) for photo in problem.photos]
     direct = [
-        _photo_angles(photo_problem, _solve(photo_problem, WEAK_LENGTH_STD_M, 0.0), 0)
+        _photo_angles(photo_problem, _solve(photo_problem, WEAK_LENGTH_STD_M, 0.0, 0.0), 0)
         for photo_problem in single
     ]
     ranges_rad = _ranges(stated, direct)
@@ -230,7 +243,7 @@ def _whiten(identified: IdentifiedMarks, camera: CameraModel, plan: MarkPlan) ->
 def _nothing(links: int) -> HingeAngles:
     nothing = (None,) * links
     unknown = np.full((links, links), np.nan)
-    return HingeAngles(nothing, nothing, unknown, nothing, nothing, unknown)
+    return HingeAngles(nothing, nothing, unknown, nothing, nothing, unknown, nothing)
 
 
 @dataclass(frozen=True)
@@ -247,10 +260,30 @@ class _Problem:
 
     @property
     def free(self) -> int:
-        """Number of the angles of all photos; shaft (2), stretches (links,) and offsets (marks,)
-        follow in the values.
+        """Number of the angles of all photos; shaft (2), stretches (links,), offsets (marks,) and
+        gluing (marks, 2 carriers, 2) follow in the values.
         """
         return len(self.photos) * len(self.lengths_m)
+
+    @property
+    def gluing(self) -> slice:
+        """Places of the gluing errors in the values."""
+        marks = len(self.plan.marks)
+        return slice(self.free + 2 + len(self.lengths_m) + marks, None)
+
+    @property
+    def carriers(self) -> NDArray[np.intp]:
+        """Indices (marks, 2) of the links that a mark may be glued to and turn with.
+
+        A mark on a hinge axis is glued to the link before or to the one after. Half of the variance
+        is given to each.
+        """
+        own = [mark.link - 1 for mark in self.plan.marks]
+        before = [
+            max(mark.link - 2, 0) if mark.along_m == 0.0 else mark.link - 1
+            for mark in self.plan.marks
+        ]
+        return np.array([before, own], dtype=np.intp).T
 
 
 @dataclass(frozen=True)
@@ -268,18 +301,25 @@ class _Solution:
     scale: list[float]
 
 
-def _solve(problem: _Problem, length_std_m: float, offset_std_m: float) -> _Solution:
-    """Least squares with the priors as further rows. Offsets of zero deviation are fixed."""
+def _solve(
+    problem: _Problem, length_std_m: float, offset_std_m: float, gluing_std_m: float
+) -> _Solution:
+    """Least squares with the priors as further rows. Offsets and gluing of zero deviation are
+    fixed.
+    """
+    marks = len(problem.plan.marks)
     links = len(problem.lengths_m)
     starts = [_start(seen, problem.plan, problem.lengths_m) for seen in problem.photos]
     _bend_hidden_hinges(starts, problem)
     nominal = np.concatenate(
-        [*starts, np.zeros(2), np.ones(links), np.zeros(len(problem.plan.marks))]
+        [*starts, np.zeros(2), np.ones(links), np.zeros(marks), np.zeros(4 * marks)]
     )
     precise = (
         [1 / problem.shaft_std_m] * 2
         + list(problem.lengths_m / length_std_m)
-        + [1 / max(offset_std_m, 1e-7)] * len(problem.plan.marks)
+        + [1 / max(offset_std_m, 1e-7)] * marks
+        # Two carriers share the variance.
+        + [np.sqrt(2.0) / max(gluing_std_m, 1e-7)] * (4 * marks)
     )
     # The prior of the angles is on those between neighbouring links: the start angles are the most
     # probable ones.
@@ -520,7 +560,9 @@ def _linearize(values: Floats, problem: _Problem) -> _Linearization:
     plan = problem.plan
     shaft = values[free : free + 2]
     stretch = values[free + 2 : free + 2 + links]
-    offsets = values[free + 2 + links :]
+    offsets = values[free + 2 + links : problem.gluing.start]
+    carriers = problem.carriers
+    glued = values[problem.gluing].reshape(*carriers.shape, 2)
     stretched = replace(
         plan,
         marks=tuple(
@@ -532,10 +574,17 @@ def _linearize(values: Floats, problem: _Problem) -> _Linearization:
     along, across = _compute_lever_arms(plan, problem.lengths_m)
     poses = values[:free].reshape(-1, links)
     positions = shaft + mark_positions(poses, problem.lengths_m * stretch, stretched)
+    along_link, across_link = _directions(poses)
+    # Directions (photos, marks, carriers, 2) of the links that carry the marks.
+    outwards = along_link[:, carriers]
+    sideways = across_link[:, carriers]
+    positions = positions + (glued[..., :1] * outwards + glued[..., 1:] * sideways).sum(axis=2)
     residuals = []
     jacobians = []
     misses = []
-    for seen, angles, marks in zip(problem.photos, poses, positions, strict=True):
+    for seen, angles, marks, along_mark, across_mark in zip(
+        problem.photos, poses, positions, outwards, sideways, strict=True
+    ):
         planned = seen.planned
         predicted = marks[planned]
         near = offsets[planned]
@@ -545,21 +594,39 @@ def _linearize(values: Floats, problem: _Problem) -> _Linearization:
         miss = seen.places_m - foot - (predicted - foot) * wider
         cos = np.cos(angles)
         sin = np.sin(angles)
-        block = np.zeros((len(near), 2, 2 * links + 2 + len(offsets)))
+        rows = np.arange(len(near))
+        block = np.zeros((len(near), 2, 2 * links + 2 + len(offsets) + glued.size))
         # By the angles, the shaft's position, the stretches, and the marks' offsets.
         block[:, 0, :links] = -along[planned] * stretch * sin - across[planned] * cos
         block[:, 1, :links] = -along[planned] * stretch * cos + across[planned] * sin
         block[:, 0, links] = block[:, 1, links + 1] = 1.0
         block[:, 0, links + 2 : 2 * links + 2] = along[planned] * cos
         block[:, 1, links + 2 : 2 * links + 2] = -along[planned] * sin
+        for carrier in range(2):
+            # A turned carrier moves what is glued to it at right angles.
+            turned = (
+                glued[planned, carrier, :1] * across_mark[planned, carrier]
+                - glued[planned, carrier, 1:] * along_mark[planned, carrier]
+            )
+            block[rows, :, carriers[planned, carrier]] += turned
+            first = 2 * links + 2 + len(offsets) + 4 * np.array(planned) + 2 * carrier
+            block[rows, :, first] = along_mark[planned, carrier]
+            block[rows, :, first + 1] = across_mark[planned, carrier]
         block *= wider[:, None]
-        block[np.arange(len(near)), :, 2 * links + 2 + np.array(planned)] = (predicted - foot) * (
+        block[rows, :, 2 * links + 2 + np.array(planned)] = (predicted - foot) * (
             away / (away - near) ** 2
         )[:, None]
         residuals.append((seen.whitening @ miss[..., None]).ravel())
         jacobians.append((seen.whitening @ block).reshape(2 * len(near), -1))
         misses.append(miss.ravel())
     return _Linearization(residuals, jacobians, misses)
+
+
+def _directions(angles_rad: Floats) -> tuple[Floats, Floats]:
+    """Unit vectors (..., 2) along links and across them, towards growing angles."""
+    cos = np.cos(angles_rad)
+    sin = np.sin(angles_rad)
+    return np.stack([cos, -sin], axis=-1), np.stack([-sin, -cos], axis=-1)
 
 
 def _compute_lever_arms(plan: MarkPlan, lengths_m: Floats) -> tuple[Floats, Floats]:
@@ -605,11 +672,12 @@ def _beyond(plan: MarkPlan, index: int, link: int) -> bool:
 
 
 def _keep_determined(
-    angles_rad: Floats, covariance: Floats
+    angles_rad: Floats, covariance: Floats, reading_std_rad: Floats
 ) -> tuple[tuple[float | None, ...], tuple[float | None, ...], Floats]:
-    std = np.sqrt(np.diag(covariance))
-    determined = std <= MAX_REPORTED_STD_RAD
+    # Gluing is the same in all photos: a mark that is clearly seen is no worse for it.
+    determined = reading_std_rad <= MAX_REPORTED_STD_RAD
     shown = np.where(determined[:, None] & determined[None, :], covariance, np.nan)
+    std = np.sqrt(np.diag(covariance))
     return _mask(angles_rad, determined), _mask(std, determined), shown
 
 
@@ -626,12 +694,27 @@ def _photo_angles(problem: _Problem, fit: _Solution, photo: int) -> HingeAngles:
     links = len(problem.lengths_m)
     part = slice(links * photo, links * (photo + 1))
     angles = fit.values[part]
-    covariance = fit.covariance[part, part] * fit.scale[photo]
+    by_gluing = _covariance_by_gluing(problem, fit, part)
+    reading = (fit.covariance[part, part] - by_gluing) * fit.scale[photo]
+    covariance = reading + by_gluing
     bends = _bends(links)
+    hinge_reading = bends @ reading @ bends.T
+    reading_std = np.sqrt(np.diag(reading))
+    hinge_reading_std = np.sqrt(np.diag(hinge_reading))
     return HingeAngles(
-        *_keep_determined(angles, covariance),
-        *_keep_determined(bends @ angles, bends @ covariance @ bends.T),
+        *_keep_determined(angles, covariance, reading_std),
+        *_keep_determined(bends @ angles, bends @ covariance @ bends.T, hinge_reading_std),
+        _mask(hinge_reading_std, hinge_reading_std <= MAX_REPORTED_STD_RAD),
     )
+
+
+def _covariance_by_gluing(problem: _Problem, fit: _Solution, part: slice) -> Floats:
+    """The part of the covariance (links, links) of a photo's angles that vanishes where the
+    gluing errors are known.
+    """
+    gluing = problem.gluing
+    together = fit.covariance[part, gluing]
+    return np.asarray(together @ np.linalg.solve(fit.covariance[gluing, gluing], together.T))
 
 
 def _ranges(stated: Sequence[HingeAngles], direct: Sequence[HingeAngles]) -> Floats:
@@ -681,6 +764,7 @@ def _only_certain(angles: HingeAngles, direct: HingeAngles, ranges_rad: Floats) 
     return HingeAngles(
         *_without(angles.link_rad, angles.link_std_rad, angles.link_covariance_rad2, links),
         *_without(angles.hinge_rad, angles.hinge_std_rad, angles.hinge_covariance_rad2, hinges),
+        _blank(angles.hinge_reading_std_rad, hinges),
     )
 
 

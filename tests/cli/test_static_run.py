@@ -93,7 +93,9 @@ def test_stages_have_hinge_angles_photos_and_overlays_and_everybody_can_read_the
             == cv2.imread(str(folder / stage.overlay)).shape
             == (1000, 1600, 3)
         )
-        assert max(stage.hinge_std_deg) < 0.2
+        # The twin's marks are exact; the deviations allow for gluing to 0.1 mm.
+        assert max(stage.hinge_std_deg) < 0.4
+        assert max(stage.hinge_reading_std_deg) < 0.2
         assert list(stage.hinge_deg) == sorted(stage.hinge_deg)  # bent back, most next to the shaft
     assert np.array([stage.hinge_deg for stage in kept.static])[:, 0] == pytest.approx(
         [-8.7, -13.3], abs=0.4

@@ -44,7 +44,21 @@ def stage(number: int) -> StaticStage:
     doubts = "Märke an Gelenk 3: not seen" if number == 1 else ""
     way = "loading" if number < 3 else "unloading"
     return StaticStage(
-        0.235, number, way, 1.0472, hinges, -1.0, 2.0, 0.3, std, settled, sure, photo, photo, doubts
+        0.235,
+        number,
+        way,
+        1.0472,
+        hinges,
+        -1.0,
+        2.0,
+        0.3,
+        std,
+        settled,
+        sure,
+        photo,
+        photo,
+        doubts,
+        hinge_reading_std_deg=tuple(0.5 * std_deg for std_deg in sure),
     )
 
 

@@ -225,5 +225,6 @@ def test_a_file_from_before_there_were_photos_still_opens(tmp_path: Path):
     given = recording().static
     assert repr([stage.hinge_deg for stage in found]) == repr([stage.hinge_deg for stage in given])
     assert all(math.isnan(std) for stage in found for std in stage.hinge_std_deg)
+    assert all(math.isnan(std) for stage in found for std in stage.hinge_reading_std_deg)
     assert {len(stage.hinge_std_deg) for stage in found} == {6}
     assert {(stage.photo, stage.overlay, stage.photo_doubts) for stage in found} == {("", "", "")}

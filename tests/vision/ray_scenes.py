@@ -331,12 +331,8 @@ def project(lens: Lens, points_m: Floats) -> Floats:
 
 
 def true_hinges_rad(leg: Leg, stage: int) -> Floats:
-    """Angles (6,) between the lines that join the centres of the marks; what gluing adds to
-    those of the hinges is no error of reading.
-    """
-    steps = np.diff(mark_places(leg, stage), axis=0)
-    turn = np.arctan2(-steps[:, 1], steps[:, 0])
-    return np.asarray((np.diff(turn) + np.pi) % (2.0 * np.pi) - np.pi)
+    """Angles (6,) of the hinges; marks beside their axes show other ones."""
+    return np.asarray(np.diff(leg.poses_rad[stage]))
 
 
 def photograph(leg: Leg, stage: int) -> tuple[NDArray[np.uint8], Floats]:

@@ -85,7 +85,7 @@ def test_marks_out_of_the_plane_are_found_and_corrected() -> None:
     assert np.sqrt(np.nanmean(miss**2)) < 0.4 * np.sqrt(np.mean(uncorrected**2))
     off = result.offsets_m - (RAISED_M - RAISED_M.mean())
     assert (np.abs(off) < 4.0 * result.offset_std_m).all()
-    assert result.offset_std_m.max() < 0.9e-3
+    assert result.offset_std_m.max() < 1.1e-3
 
 
 def test_marks_in_the_plane_lose_nothing() -> None:
