@@ -135,6 +135,8 @@ def test_rest_angles_are_found_where_it_is_stated_how_far_they_may_be_off(
         tmp_path / "rest",
         "--model",
         model,
+        "--marks-deg",
+        "0.1",
         "--json",
     )
     found = json.loads(said.out)["rest_angles"]

@@ -20,7 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.torque_rotation.bases import Basis
-from rfca_rig.analysis.torque_rotation.stages import ALL_RECORDINGS, SystematicErrors, rest_name
+from rfca_rig.analysis.torque_rotation.stages import (
+    ALL_RECORDINGS,
+    SystematicErrors,
+    rest_name,
+    scale_name,
+)
 from rfca_rig.model.parameters import GRAVITY_M_S2, RigModel
 
 Floats = NDArray[np.float64]
@@ -126,9 +131,19 @@ class Balance:
                     p[self.curve_size + index],
                     0.0,
                 )
-        # Columns after the n angles are the forces; tares are subtracted before the gain.
-        mended[:, self.L.size :] /= 1.0 + self.systematic_error(p, "gain")
-        return mended
+        # Zeros and tares are subtracted before.
+        return np.asarray(mended / self.scales(p))
+
+    def scales(self, p: Floats) -> Floats:
+        """Factors (m,) by which the measured values are too large: the scales of the hinge angles
+        and the gain of the sensor, as given by p (P,).
+        """
+        factors = np.ones(self.L.size + 3)
+        for hinge in range(self.L.size - 1):
+            factors[hinge] += self.systematic_error(p, scale_name(hinge))
+        # Columns after the n angles are the forces.
+        factors[self.L.size :] += self.systematic_error(p, "gain")
+        return factors
 
     def depth_m(self, z: Floats, p: Floats, group: Group) -> Floats:
         """Depth (S, n) of every link end in the floor, for corrected angles z (S, m) and
@@ -363,16 +378,15 @@ class _Conditions:
             self.by_p[:, rows, self.of.curve_size + index] += slope
 
     def _shifts(self) -> None:
-        """Zeros, tares and gain act through the measured values. The chain rule converts
+        """Zeros, tares and scales act through the measured values. The chain rule converts
         derivatives by corrected readings into those by raw ones.
         """
-        gain = 1.0 + self.of.systematic_error(self.p, "gain")
-        self._add_by_error(
-            slice(None),
-            "gain",
-            -np.einsum("srm,sm->sr", self.by_z[:, :, self.n :], self.z[:, self.n :]) / gain,
-        )
-        self.by_z[:, :, self.n :] /= gain
+        scales = self.of.scales(self.p)
+        self.by_z /= scales
+        by_scale = -self.by_z * self.z[:, None]
+        self._add_by_error(slice(None), "gain", by_scale[:, :, self.n :].sum(axis=2))
+        for hinge in range(self.h):
+            self._add_by_error(slice(None), scale_name(hinge), by_scale[:, :, hinge])
         for index, systematic_error in enumerate(self.of.systematic_errors.errors):
             if systematic_error.column is not None:
                 rows = (systematic_error.recording == ALL_RECORDINGS) | (

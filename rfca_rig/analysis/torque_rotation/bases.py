@@ -168,6 +168,9 @@ class TorqueCurve:
 class LawValues:
     """k0 and k2 of the law k0 (phi + k2 phi^3), one standard deviation each, their correlation, and
     the half width of 95 % in deviations.
+
+    k0 is the stiffness at rest, and k2 the hardening from there to the largest angle: the law has
+    the true torque at that angle. The deviations hold how far the true curve may be from the law.
     """
 
     k0_Nm_per_rad: float
@@ -187,16 +190,19 @@ class LawValues:
 
 
 def law_values(curve: TorqueCurve) -> LawValues:
-    """k0 and k2 of a curve on the law's own basis."""
-    a, b = curve.coefficients
-    # Jacobian of (a, b / a) by (a, b), for first-order propagation of the covariance.
-    jacobian = np.array([[1.0, 0.0], [-b / a**2, 1.0 / a]])
-    covariance = jacobian @ curve.covariance @ jacobian.T
+    """k0 and k2 of a curve, from its stiffness at rest and its torque at the largest angle."""
+    phi = max(curve.range_rad, key=abs)
+    rows = np.stack([curve.basis.slopes(np.zeros(1))[0], curve.basis.columns(np.array([phi]))[0]])
+    k0, torque = rows @ curve.coefficients
+    k2 = (torque / (k0 * phi) - 1.0) / phi**2
+    # Jacobian of (k0, k2) by (k0, torque), for first-order propagation of the covariance.
+    jacobian = np.array([[1.0, 0.0], [-torque / (k0**2 * phi**3), 1.0 / (k0 * phi**3)]])
+    covariance = jacobian @ rows @ curve.covariance @ rows.T @ jacobian.T
     k0_std, k2_std = np.sqrt(np.diag(covariance))
     return LawValues(
-        float(a),
+        float(k0),
         float(k0_std),
-        float(b / a),
+        float(k2),
         float(k2_std),
         float(covariance[0, 1] / (k0_std * k2_std)),
         curve.reach,

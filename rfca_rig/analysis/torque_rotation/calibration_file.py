@@ -48,26 +48,19 @@ def write_calibration(
     """Write the nominal model with the fitted k0, k2 and rest angles, and their new uncertainties;
     all or nothing.
 
-    Where the law does not hold, the uncertainties are no smaller than its distance from the
-    measured curve. Raises RigError where the disk refuses.
+    The uncertainties hold the distance of the law from the measured curve. Raises RigError where
+    the disk refuses.
     """
     values = result.values
     rests = result.rests[0]
     leg = replace_by_law(nominal["leg"], values.k0_Nm_per_rad, values.k2_per_rad2)
     sections = _sections({**nominal, "leg": leg}, result.rig, rests)
-    if result.form.holds:
-        apart = 0.0
-    else:
-        apart = abs(result.form.apart_relative)
-    measured_to = {
-        name: float(np.hypot(std, apart)) for name, std in result.values.known_to.items()
-    }
     fitted = result.values
     low, high = (abs(np.degrees(angle)) for angle in sorted(result.curve.range_rad, key=abs))
     write_model(
         path,
         sections,
-        _keep_stated(known_to) | measured_to | _rest_known_to(rests),
+        _keep_stated(known_to) | result.values.known_to | _rest_known_to(rests),
         [
             *_from(sources),
             f"k0 {fitted.k0_Nm_per_rad:.4f} +- {fitted.reach * fitted.k0_std:.4f} N "
@@ -91,8 +84,8 @@ def write_curve(
     or nothing.
 
     `k0_relative` is the root mean square of the curve's band over that of its torques: how far a
-    fit may scale the curve. Where splines with a torque at rest fit better than chance allows, it
-    is no smaller than their distance from the curve. Raises RigError where the disk refuses.
+    fit may scale the curve. The band holds the distance of the curve from splines with a torque at
+    rest. Raises RigError where the disk refuses.
     """
     keys = curve_keys(result)
     rests = result.rests[1]
@@ -100,17 +93,13 @@ def write_curve(
     sections = _sections(
         {**nominal, "leg": replace_by_curve(nominal["leg"], keys)}, result.rig, rests
     )
-    if result.model_form.holds:
-        apart = 0.0
-    else:
-        apart = abs(result.model_form.apart_relative)
     # The curve has no k2; its scale takes the key k0_relative.
     known = {
         key: value
         for key, value in _keep_stated(known_to).items()
         if key not in ("k0_relative", "k2_relative")
     }
-    known["k0_relative"] = float(np.hypot(band or 0.0, apart))
+    known["k0_relative"] = band or 0.0
     low, high = (abs(np.degrees(angle)) for angle in sorted(result.model.range_rad, key=abs))
     write_model(
         path,

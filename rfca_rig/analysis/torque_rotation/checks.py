@@ -17,7 +17,8 @@ Floats = NDArray[np.float64]
 
 # Probability of a gain this large where the law holds, below which the law is rejected.
 MIN_P_VALUE = 1e-3
-# Share of the largest torque; no use of the law needs it closer.
+# Share of the largest torque, below which the law is the better description although it is not
+# exact. The difference is in the band.
 NEGLIGIBLE_SHARE = 0.005
 # In standard deviations: of some hundred readings none is this far off by chance.
 OUTLIER_STD = 6.0
@@ -41,10 +42,14 @@ class FormCheck:
     apart_relative: float
 
     @property
+    def is_rejected(self) -> bool:
+        return self.p_value < MIN_P_VALUE
+
+    @property
     def holds(self) -> bool:
         # With many stages even a tiny departure is significant; it matters only above
         # NEGLIGIBLE_SHARE.
-        return self.p_value >= MIN_P_VALUE or abs(self.apart_relative) < NEGLIGIBLE_SHARE
+        return not self.is_rejected or abs(self.apart_relative) < NEGLIGIBLE_SHARE
 
 
 @dataclass(frozen=True)
@@ -58,8 +63,13 @@ class HingeCheck:
     std: float
 
     @property
+    def significance(self) -> float:
+        """In standard deviations."""
+        return abs(self.stiffer) / self.std
+
+    @property
     def is_significant(self) -> bool:
-        return abs(self.stiffer) > SIGNIFICANT_STD * self.std
+        return self.significance > SIGNIFICANT_STD
 
 
 @dataclass(frozen=True)
@@ -96,8 +106,13 @@ class RestCheck:
     std_rad: float
 
     @property
+    def significance(self) -> float:
+        """In standard deviations."""
+        return abs(self.rest_rad) / self.std_rad
+
+    @property
     def is_significant(self) -> bool:
-        return abs(self.rest_rad) > SIGNIFICANT_STD * self.std_rad
+        return self.significance > SIGNIFICANT_STD
 
 
 @dataclass(frozen=True)
@@ -119,7 +134,7 @@ class BendingLoop:
 @dataclass(frozen=True)
 class EstimatedSystematicError:
     """Estimate of a systematic error, in its unit for a reader; `pull` is the estimate in prior
-    standard deviations.
+    standard deviations, `remedy` what to do where it is implausible.
     """
 
     words: str
@@ -128,6 +143,7 @@ class EstimatedSystematicError:
     std: float
     prior_std: float
     pull: float
+    remedy: str
 
     @property
     def is_implausible(self) -> bool:
@@ -312,7 +328,12 @@ def list_estimated_errors(adjusted: Adjustment) -> tuple[EstimatedSystematicErro
     std = np.sqrt(np.diag(adjusted.covariance))[first:]
     return tuple(
         EstimatedSystematicError(
-            d.words, d.unit, *d.convert(float(v), float(s)), d.scale * d.std, float(v) / d.std
+            d.words,
+            d.unit,
+            *d.convert(float(v), float(s)),
+            d.scale * d.std,
+            float(v) / d.std,
+            d.remedy,
         )
         for d, v, s in zip(systematic_errors, values, std, strict=True)
     )

@@ -7,6 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.analysis.torque_rotation.averaging import (
+    at_knots,
+    share_of_richer_form,
+    with_departure,
+)
 from rfca_rig.analysis.torque_rotation.bases import (
     Basis,
     Hardening,
@@ -18,6 +23,8 @@ from rfca_rig.analysis.torque_rotation.bases import (
     make_spline_through_rest,
 )
 from rfca_rig.analysis.torque_rotation.checks import (
+    FormCheck,
+    RestCheck,
     check_hinges,
     check_rest_angles,
     compare_forms,
@@ -58,6 +65,9 @@ ANGLES_NEAR_REST = 60
 FEWEST_ANGLES = 12
 FEWEST_STAGES = 3
 LEAST_RANGE_DEG = 2.0
+# Share of the law's misfit (in chi2) that a rest angle must make up for. A common rest angle of 1.5
+# degrees made up for 99.9 %, and none for more than 7 % in twelve legs with other laws.
+EXPLAINED_SHARE = 0.5
 # Solutions of the stages with different unknowns, for the progress callback.
 SOLVE_COUNT = 6
 
@@ -162,30 +172,31 @@ def evaluate(
     model = _model(case, free, law, closed is not None)
     watcher(5, SOLVE_COUNT)
     widened = _repeats(recordings, supposed, law)
-    law_curve, free_curve, model_curve = (
-        _curve(solution, case.data, widened.widened) for solution in (law, free, model)
-    )
-    form = compare_forms(same_errors, free, _curve(same_errors, case.data, 1.0), free_curve)
-    if form.holds:
+    curves = _average_forms(case.data, same_errors, law, model, free, widened.widened)
+    if curves.form.holds:
         fit = law
-        curve = law_curve
     else:
         fit = free
-        curve = free_curve
+    # What a law misses looks like hinges that differ. So they are tested with richer forms where
+    # the law is rejected, also where it is near enough to be shown.
+    if curves.form.is_rejected:
+        hinges = check_hinges(free, case.data, curves.free)
+    else:
+        hinges = check_hinges(law, case.data, curves.law)
     return StaticResult(
         rig=case.rig,
         data=case.data,
         found=fit,
-        law=law_curve,
-        values=law_values(law_curve),
-        free=free_curve,
-        model=model_curve,
-        model_form=compare_forms(model, free, model_curve, free_curve),
+        law=curves.law,
+        values=law_values(curves.law),
+        free=curves.free,
+        model=curves.model,
+        model_form=curves.model_form,
         rests=tuple(estimate_rest_angles(solution, widened.widened) for solution in (law, model)),
-        rest_checks=check_rest_angles(law, case.data, law_curve),
-        form=form,
+        rest_checks=_test_rest_angles(case.data, curves, same_errors, law, model),
+        form=curves.form,
         loop=loop,
-        hinges=check_hinges(fit, case.data, curve),
+        hinges=hinges,
         systematic_errors=list_estimated_errors(fit.adjusted),
         strays=find_outliers(fit, case.data),
         points=points_of(fit, case.data),
@@ -243,9 +254,8 @@ def _model(case: _Case, free: CurveFit, law: CurveFit, has_loop: bool) -> CurveF
     """
     for basis in case.through_rest(law):
         fit = case.solve(basis, free.errors, loop=has_loop, learn=False)
-        if compare_forms(
-            fit, free, _curve(fit, case.data, 1.0), _curve(free, case.data, 1.0)
-        ).holds:
+        form = compare_forms(fit, free, _curve(fit, case.data, 1.0), _curve(free, case.data, 1.0))
+        if not form.is_rejected:
             break
     return fit
 
@@ -264,6 +274,74 @@ def _freest(case: _Case) -> CurveFit:
     if not solutions and last_error is not None:
         raise last_error
     return max(solutions, key=lambda solution: solution.log_likelihood)
+
+
+@dataclass(frozen=True)
+class _Curves:
+    """The curve in its three forms, each with a band that holds its departure from richer forms,
+    and the comparisons of law and model with the splines.
+    """
+
+    law: TorqueCurve
+    model: TorqueCurve
+    free: TorqueCurve
+    form: FormCheck
+    model_form: FormCheck
+
+
+def _average_forms(
+    data: StageData,
+    same_errors: CurveFit,
+    law: CurveFit,
+    model: CurveFit,
+    free: CurveFit,
+    widened: float,
+) -> _Curves:
+    """The three curves with the differences between them in their covariances.
+
+    The law is averaged with the simplest richer form that is not rejected: the model's spline
+    through rest, else the splines. `same_errors` is the law solved with the errors of `free`.
+    """
+    by_law, by_model, by_free = (_curve(fit, data, widened) for fit in (law, model, free))
+    by_same_errors = _curve(same_errors, data, 1.0)
+    form = compare_forms(same_errors, free, by_same_errors, by_free)
+    model_form = compare_forms(model, free, by_model, by_free)
+    # Splines have a torque at rest, so that they count angles from the rest of the other form.
+    law_shift, model_shift = (_mean_rest_rad(fit) - _mean_rest_rad(free) for fit in (law, model))
+    if model_form.is_rejected:
+        law_curve = with_departure(by_law, by_free, share_of_richer_form(form), law_shift)
+    else:
+        richer = compare_forms(same_errors, model, by_same_errors, by_model)
+        law_curve = with_departure(by_law, by_model, share_of_richer_form(richer))
+    share_of_law = share_of_richer_form(form).of_other_form
+    of_model = with_departure(by_model, by_free, share_of_richer_form(model_form), model_shift)
+    assert isinstance(by_model.basis, SplineThroughRest)
+    return _Curves(
+        law=law_curve,
+        model=at_knots(of_model, by_model.basis),
+        free=with_departure(by_free, by_law, share_of_law, -law_shift),
+        form=form,
+        model_form=model_form,
+    )
+
+
+def _test_rest_angles(
+    data: StageData, curves: _Curves, same_errors: CurveFit, law: CurveFit, model: CurveFit
+) -> tuple[RestCheck, ...]:
+    """Tests beside the law. A common rest angle looks like a law that is wrong, and the other way
+    round: where the law is rejected and no rest angle makes up for most of its misfit, the tests
+    are beside the model's spline.
+    """
+    if curves.form.is_rejected:
+        beside_law = check_rest_angles(same_errors, data, curves.law)
+        explained = max((check.significance**2 for check in beside_law), default=0.0)
+        if explained < EXPLAINED_SHARE * curves.form.gain:
+            return check_rest_angles(model, data, curves.model)
+    return check_rest_angles(law, data, curves.law)
+
+
+def _mean_rest_rad(fit: CurveFit) -> float:
+    return float(fit.adjusted.balance.rest_rad(fit.adjusted.point.p).mean())
 
 
 def _curve(fit: CurveFit, data: StageData, widened: float) -> TorqueCurve:

@@ -37,8 +37,9 @@ class StageData:
     """The stages that count, in their order.
 
     `measured` (S, h + 4) holds h hinge angles and the shaft's [rad], fy, fz [N], tx [N m].
-    `hinge_std_rad` (S, h) is NaN where no error was stated, and infinite where the angle is missing
-    (its value is then a guess to begin from). `force_std` (S, 3) is the expected error of a mean.
+    `hinge_std_rad` (S, h) is without the gluing of the marks where a stage states that apart. It is
+    NaN where no error was stated, and infinite where the angle is missing (its value is then a
+    guess to begin from). `force_std` (S, 3) is the expected error of a mean.
     `turned` (S, h) is the direction, +1 or -1, in which the hinge reached its angle; 0 where the
     change is within the errors.
     """
@@ -124,7 +125,10 @@ def _arrays(
     stages = tuple(stage for _, stage in kept)
     number = np.array([number for number, _ in kept], dtype=np.intp)
     hinge_deg = np.array([stage.hinge_deg for stage in stages])
-    std_deg = np.array([stage.hinge_std_deg for stage in stages])
+    # How the marks are glued is the same in all stages and a systematic error of its own.
+    reading_std_deg = np.array([stage.hinge_reading_std_deg for stage in stages])
+    whole_std_deg = np.array([stage.hinge_std_deg for stage in stages])
+    std_deg = np.where(np.isnan(reading_std_deg), whole_std_deg, reading_std_deg)
     if hinge_std_deg is not None:
         std_deg = np.where(np.isnan(std_deg), hinge_std_deg, std_deg)
     # NaN means that the error was not stated, infinity that the angle is missing; both cases are
@@ -191,8 +195,18 @@ CONTACT_RELATIVE = 0.5
 LEVER_M = 4e-3
 # Slope of the floor along the motion, levelled by eye.
 SLOPE = 3e-3
-# A mark placed 0.05 mm off its hinge turns two links by this angle.
-MARKS_DEG = 0.1
+# Marks glued to 0.1 mm (standard deviation, in each direction): a hinge angle is the second
+# difference of three marks, sqrt(6) 0.1 mm over the 39.3 mm from mark to mark.
+MARKS_DEG = 0.36
+# Error of the scale of a hinge angle, as a share of the error of its zero in rad. A mark that is
+# off along its link by a adds a / L of the angle, and so does the mark before: sqrt(2) a / L, where
+# the zero errs by sqrt(6) a / L.
+SCALE_SHARE = float(np.sqrt(2.0 / 6.0))
+
+
+MEASURE_AGAIN = "Measure it again."
+# A mark is off far more often than a hinge.
+LOOK_AT_MARKS = "Look first whether its mark and the marks beside it sit on their axes."
 
 
 @dataclass(frozen=True)
@@ -201,7 +215,7 @@ class SystematicError:
 
     `words`, `unit` and the factor `scale` to it are for a reader. With `is_log` it is the logarithm
     of a factor. With a `column` it shifts that column of the measured values, of one recording or
-    of all.
+    of all. `remedy` says what to do where the stages require an implausible value.
     """
 
     name: str
@@ -212,6 +226,7 @@ class SystematicError:
     column: int | None = None
     recording: int = ALL_RECORDINGS
     is_log: bool = False
+    remedy: str = MEASURE_AGAIN
 
     def convert(self, value: float, std: float) -> tuple[float, float]:
         """Value and standard deviation in its unit."""
@@ -265,7 +280,8 @@ def list_systematic_errors(
             for i, height in enumerate(data.heights_m)
         ),
         *_tares(data),
-        *(_mark(hinge, instruments.marks_deg) for hinge in range(data.hinges)),
+        *(_zero(hinge, instruments.marks_deg) for hinge in range(data.hinges)),
+        *(_scale(hinge, instruments.marks_deg) for hinge in range(data.hinges)),
         *(_rest(hinge, known_to.get("rest_angle_deg") or 0.0) for hinge in range(data.hinges)),
     ]
     # An error with deviation 0 counts as exact and needs no unknown.
@@ -321,7 +337,8 @@ def _tares(data: StageData) -> list[SystematicError]:
     return tares
 
 
-def _mark(hinge: int, marks_deg: float) -> SystematicError:
+def _zero(hinge: int, marks_deg: float) -> SystematicError:
+    """A mark that is off across its link."""
     return SystematicError(
         f"hinge_zero_{hinge + 2}",
         np.radians(marks_deg),
@@ -329,6 +346,19 @@ def _mark(hinge: int, marks_deg: float) -> SystematicError:
         "°",
         np.degrees(1.0),
         hinge,
+        remedy=LOOK_AT_MARKS,
+    )
+
+
+def _scale(hinge: int, marks_deg: float) -> SystematicError:
+    """A mark that is off along its link."""
+    return SystematicError(
+        scale_name(hinge),
+        SCALE_SHARE * float(np.radians(marks_deg)),
+        f"scale of the angle of hinge {hinge + 2}",
+        "%",
+        100.0,
+        remedy=LOOK_AT_MARKS,
     )
 
 
@@ -345,3 +375,8 @@ def _rest(hinge: int, std_deg: float) -> SystematicError:
 def rest_name(hinge: int) -> str:
     """Name of the error of a hinge's rest angle; hinges count from 0 here."""
     return f"rest_{hinge + 2}"
+
+
+def scale_name(hinge: int) -> str:
+    """Name of the error of the scale of a hinge's angle; hinges count from 0 here."""
+    return f"hinge_scale_{hinge + 2}"

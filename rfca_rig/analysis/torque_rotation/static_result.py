@@ -30,7 +30,7 @@ from rfca_rig.analysis.torque_rotation.checks import (
     RestCheck,
 )
 from rfca_rig.analysis.torque_rotation.recovery import CurveFit
-from rfca_rig.analysis.torque_rotation.stages import StageData
+from rfca_rig.analysis.torque_rotation.stages import LOOK_AT_MARKS, StageData
 from rfca_rig.description.sections import MIN_K2_PER_RAD2
 from rfca_rig.errors import BadInput
 from rfca_rig.model.hinge_springs import knots_from
@@ -266,14 +266,14 @@ def remarks(result: StaticResult) -> list[str]:
     """Warnings on the form, then on the instruments, then on single hinges and values; empty
     where there are none.
     """
+    on_hinges = _hinges(result)
     return [
         *_form(result),
         *_loop(result),
         *_strays(result),
         *_noise(result),
-        *_hinges(result),
-        *_rests(result),
-        *_implausible_values(result),
+        *on_hinges,
+        *_implausible_values(result, bool(on_hinges)),
         *_stages(result),
     ]
 
@@ -369,41 +369,63 @@ def _strays(result: StaticResult) -> list[str]:
 
 
 def _hinges(result: StaticResult) -> list[str]:
-    return [
-        f"Hinge {check.hinge} is {abs(100 * check.stiffer):.1f} +- {100 * check.std:.1f} "
-        f"% {'stiffer' if check.stiffer > 0 else 'softer'} "
-        "than the curve of all, which it bends towards itself."
-        for check in result.hinges
-        if check.is_significant
-    ]
+    """The most significant departure of a hinge alone.
 
-
-def _rests(result: StaticResult) -> list[str]:
-    """The most significant departure alone: one hinge that rests elsewhere also shifts the mean
-    of all, and the other way round.
+    A hinge that is softer bends the curve of all towards itself, so that the others look stiffer;
+    and one that rests elsewhere looks softer or stiffer, and shifts the mean of all.
     """
-    checks = [check for check in result.rest_checks if check.is_significant]
-    if not checks:
+    significances = []
+    texts = []
+    for hinge_check in result.hinges:
+        if hinge_check.is_significant:
+            significances.append(hinge_check.significance)
+            texts.append(_stiffness_remark(hinge_check))
+    for rest_check in result.rest_checks:
+        if rest_check.is_significant:
+            significances.append(rest_check.significance)
+            texts.append(_rest_remark(rest_check))
+    if not texts:
         return []
-    clearest = max(checks, key=lambda check: abs(check.rest_rad) / check.std_rad)
-    if clearest.hinge is None:
-        which = "All hinges look as if they rest"
+    return [texts[int(np.argmax(significances))]]
+
+
+def _stiffness_remark(check: HingeCheck) -> str:
+    if check.stiffer > 0:
+        which_way = "stiffer"
     else:
-        which = f"Hinge {clearest.hinge} looks as if it rests"
-    return [
-        f"{which} at {np.degrees(clearest.rest_rad):+.2f} +- "
-        f"{np.degrees(clearest.std_rad):.2f} degrees from the nominal value; with "
-        "rest_angle_deg in [known_to] the rest angles are found together with the curve."
-    ]
+        which_way = "softer"
+    return (
+        f"Hinge {check.hinge} is {abs(100 * check.stiffer):.1f} +- {100 * check.std:.1f} % "
+        f"{which_way} than the curve of all, which it bends towards itself. {LOOK_AT_MARKS}"
+    )
 
 
-def _implausible_values(result: StaticResult) -> list[str]:
+def _rest_remark(check: RestCheck) -> str:
+    if check.hinge is None:
+        which = "All hinges look as if they rest"
+        first = ""
+    else:
+        which = f"Hinge {check.hinge} looks as if it rests"
+        first = f"{LOOK_AT_MARKS} "
+    return (
+        f"{which} at {np.degrees(check.rest_rad):+.2f} +- {np.degrees(check.std_rad):.2f} degrees "
+        f"from the nominal value. {first}With rest_angle_deg in [known_to] the rest angles are "
+        "found together with the curve."
+    )
+
+
+def _implausible_values(result: StaticResult, has_odd_hinge: bool) -> list[str]:
+    """Values far from their priors. An odd hinge and its marks stand in for each other, so where
+    there is a remark on one, the errors of marks are left out.
+    """
+    errors = [error for error in result.systematic_errors if error.is_implausible]
+    if has_odd_hinge:
+        errors = [error for error in errors if error.remedy != LOOK_AT_MARKS]
     return [
         f"The {error.words} would be {error.value:+.3g} {error.unit} from the nominal "
         "value, whose standard uncertainty is "
-        f"{error.prior_std:.2g} {error.unit}. Measure it again."
-        for error in result.systematic_errors
-        if error.is_implausible
+        f"{error.prior_std:.2g} {error.unit}. {error.remedy}"
+        for error in errors
     ]
 
 

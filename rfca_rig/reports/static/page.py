@@ -458,7 +458,8 @@ def _rest_sentence(result: StaticResult) -> str:
             f"Splines bring χ² down by {form.gain:.1f} for {form.more} more numbers, "
             f"which chance does in {100 * form.p_value:.2g} % "
             f"of cases, and part from the law by {abs(form.apart_Nm):.3f} N m at most, "
-            f"{abs(100 * form.apart_relative):.2g} % of the largest torque."
+            f"{abs(100 * form.apart_relative):.2g} % of the largest torque. "
+            "The band and the intervals of k₀ and k₂ hold how far the truth may be from the law."
         )
     return keep_units_together(
         f"χ² is lower by {form.gain:.0f} for the {form.more} more numbers of the splines."
@@ -511,8 +512,8 @@ def _noise_sentence(result: StaticResult) -> str:
     if stated.any():
         usual = float(np.degrees(np.median(data.hinge_std_rad[stated])))
         parts.append(
-            f"hinge angles err as their photos state, {usual:.2f}° in the middle, times "
-            f"{errors.stated_factor:.1f}"
+            f"hinge angles err as stated, {usual:.2f}° in the middle for marks glued exactly, "
+            f"times {errors.stated_factor:.1f}"
         )
     parts.append(
         "the mean of fz errs by "

@@ -2,11 +2,12 @@
 and MuJoCo at rest.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import root
 
 from rfca_rig.analysis.mujoco_leg import mujoco_leg, settle_at_rest
@@ -17,6 +18,8 @@ from rfca_rig.exam.simulator.world import World
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.recording.model import Recording, StaticStage
 from tests.report.recordings import BELIEVED
+
+Floats = NDArray[np.float64]
 
 NOISE = {"fy_N": 0.10, "fz_N": 0.15, "tx_Nm": 0.006}
 SECTIONS = {**BELIEVED, "sensor": {"below_shaft_mm": 45.0, "noise_std": NOISE}}
@@ -101,29 +104,46 @@ def recording(
 
 
 def by_mujoco(
-    rig: RigModel, height_m: float, angles_deg: Sequence[float], random: np.random.Generator
+    rig: RigModel,
+    height_m: float,
+    angles_deg: Sequence[float],
+    random: np.random.Generator,
+    torque_Nm: Callable[[Floats], Floats] | None = None,
+    most_turn_rad: float = np.inf,
 ) -> tuple[StaticStage, ...]:
     """MuJoCo's equilibria; at every end the floor holds with friction of any sign, as it may after
     any way of getting there.
 
-    A stage is left out where that friction allows no rest near the one before.
+    A stage is left out where that friction allows no rest near the one before, or where a hinge
+    turned by more than `most_turn_rad`: the solver jumped to another branch, which a leg that turns
+    slowly does not reach. `torque_Nm` gives the torques (h,) of hinges at angles (h,) in rad, in
+    place of the rig's springs.
     """
+
+    def balance(angle_rad, hinges_rad, ratio):
+        joints, N, F = _joints(rig, height_m, leg, angle_rad, hinges_rad, ratio)
+        if torque_Nm is not None:
+            joints[1:] += k_of(rig, hinges_rad) - torque_Nm(hinges_rad)
+        return joints, N, F
+
     leg = mujoco_leg(rig, height_m, False, "Euler")
     settle_at_rest(leg, float(np.radians(angles_deg[0])))
     phi = np.array(leg.data.qpos[1:])
     stages = []
     for number, angle in enumerate(np.radians(angles_deg), start=1):
+        before = phi
         ratio = random.uniform(-0.3, 0.3, leg.model.nq)
         for share in (0.0, 0.25, 0.5, 0.75, 1.0):
             found = root(
-                lambda hinges, a=angle, r=share * ratio: _joints(rig, height_m, leg, a, hinges, r)[
-                    0
-                ][1:],
+                lambda hinges, a=angle, r=share * ratio: balance(a, hinges, r)[0][1:],
                 phi,
                 tol=1e-12,
             )
             phi = found.x if found.success else phi
-        joints, N, F = _joints(rig, height_m, leg, angle, phi, ratio)
+        if np.abs(phi - before).max() > most_turn_rad:
+            phi = before
+            continue
+        joints, N, F = balance(angle, phi, ratio)
         if np.abs(joints[1:]).max() > 1e-8:
             continue
         fy = -float(F.sum())

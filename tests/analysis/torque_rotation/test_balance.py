@@ -26,6 +26,7 @@ ALL = SystematicErrors(
         SystematicError("height_1", 1.0, ""),
         SystematicError("tare", 1.0, "", column=8, recording=1),
         SystematicError("hinge_zero", 1.0, "", column=3),
+        SystematicError("hinge_scale_5", 1.0, ""),
         SystematicError("rest_4", 1.0, ""),
     )
 )

@@ -7,7 +7,7 @@ import pytest
 
 from rfca_rig.analysis.fitting.parameters import ModelPoint, make_prior
 from rfca_rig.analysis.prediction import predict_stroke
-from rfca_rig.analysis.torque_rotation.bases import TorqueCurve, law_values
+from rfca_rig.analysis.torque_rotation.bases import Hardening, TorqueCurve, law_values
 from rfca_rig.analysis.torque_rotation.calibration_file import (
     can_be_written,
     can_curve_be_written,
@@ -207,7 +207,7 @@ def test_a_curve_that_falls_makes_no_model(result):
 
 def test_hinges_that_soften_make_no_model(result):
     softer = TorqueCurve(
-        result.law.basis, np.array([11.0, -5.0]), result.law.covariance, (-0.4, 0.0), -1.0, 100
+        Hardening(), np.array([11.0, -5.0]), np.diag([1e-4, 1e-2]), (-0.4, 0.0), -1.0, 100
     )
     assert can_be_written(result)
     assert not can_be_written(replace(result, values=law_values(softer)))
@@ -215,7 +215,9 @@ def test_hinges_that_soften_make_no_model(result):
 
 def test_errors_of_the_law_by_differences():
     covariance = np.array([[4e-4, -2e-3], [-2e-3, 9e-2]])
-    values = law_values(TorqueCurve(None, np.array([11.0, 46.2]), covariance, (0.0, 0.4), 1.0, 100))
+    values = law_values(
+        TorqueCurve(Hardening(), np.array([11.0, 46.2]), covariance, (0.0, 0.4), 1.0, 100)
+    )
     drawn = np.random.default_rng(0).multivariate_normal([11.0, 46.2], covariance, 200_000)
     assert values.k2_std == pytest.approx(np.std(drawn[:, 1] / drawn[:, 0]), rel=0.01)
     assert values.correlation == pytest.approx(

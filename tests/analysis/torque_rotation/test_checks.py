@@ -93,7 +93,7 @@ def test_repeats_that_agree_narrow_the_errors_and_repeats_that_do_not_widen_them
     assert three.repeats.widened < 1.8
     assert apart.repeats.widened > 3.0
     assert apart.values.k0_std > 2.0 * three.values.k0_std
-    assert apart.law.covariance == pytest.approx(
-        apart.repeats.widened**2 * apart.found.adjusted.covariance[:2, :2]
-    )
+    # A richer form is known less well than the law.
+    by_law_alone = float(np.sqrt(apart.found.adjusted.covariance[0, 0]))
+    assert apart.values.k0_std > 0.99 * apart.repeats.widened * by_law_alone
     assert any("differ more than" in said for said in remarks(apart))

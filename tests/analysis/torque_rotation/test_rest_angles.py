@@ -56,7 +56,7 @@ def test_rest_angles_are_recovered_to_a_tenth_of_a_degree_beside_the_curve(rest_
         assert np.degrees(rests.rest_rad) == pytest.approx(np.array(rest_deg), abs=0.1)
         assert np.degrees(rests.std_rad).max() < 0.12
     assert result.values.k0_Nm_per_rad == pytest.approx(11.0, abs=3.0 * result.values.k0_std)
-    assert result.values.k0_std < 0.05
+    assert result.values.k0_std < 0.07
     assert remarks(result) == []
 
 
@@ -103,10 +103,7 @@ def test_a_common_rest_angle_and_the_stiffness_at_rest_stand_in_for_each_other_i
 )
 def test_rest_angles_that_nobody_stated_are_noticed(rest_deg, said):
     found = remarks(found_in(noisy(stages_with(rest_deg), np.random.default_rng(0)), KNOWN_TO))
-    assert (
-        sum("from the nominal value; with rest_angle_deg in [known_to]" in each for each in found)
-        == 1
-    )
+    assert sum("With rest_angle_deg in [known_to]" in each for each in found) == 1
     assert any(each.startswith(said) for each in found)
 
 

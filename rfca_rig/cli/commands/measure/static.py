@@ -70,10 +70,10 @@ MARKS = typer.Option(
     metavar="DEG",
     min=0,
     max=5,
-    help="How far a hinge's zero may be off because a mark sits beside its axis.",
+    help="How far a hinge's zero may be off because marks sit beside their axes: 0.36 for 0.1 mm.",
 )
 # Defaults of options, which the command in the report's footer leaves out.
-USUAL = {"--marks-deg": 0.1, "--force-gain-pct": 0.0}
+USUAL = {"--marks-deg": 0.36, "--force-gain-pct": 0.0}
 GAIN = typer.Option(
     "--force-gain-pct",
     metavar="PERCENT",
@@ -652,6 +652,7 @@ def _print_json(mark: str, folder: Path, stages: "list[StaticStage]") -> None:
             "settled": stage.settled,
             "hinge_deg": _replace_nan(stage.hinge_deg),
             "hinge_std_deg": _replace_nan(stage.hinge_std_deg),
+            "hinge_reading_std_deg": _replace_nan(stage.hinge_reading_std_deg),
             "photo": stage.photo,
             "overlay": stage.overlay,
             "photo_doubts": stage.photo_doubts,
