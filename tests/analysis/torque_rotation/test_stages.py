@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from rfca_rig.analysis.torque_rotation.evaluate import StageAssumptions, evaluate
-from rfca_rig.analysis.torque_rotation.stages import make_stage_data
+from rfca_rig.analysis.torque_rotation.stages import MARKS_DEG, make_stage_data
 from rfca_rig.analysis.torque_rotation.static_result import remarks
+from rfca_rig.cli.commands.measure.static import USUAL
 from rfca_rig.errors import BadInput, SimulationFailed
+from rfca_rig.vision.hinge_angles import GLUING_STD_M
 from tests.analysis.torque_rotation.tables import KNOWN_TO, NOISE, SECTIONS, noisy, plain, recording
 
 SUPPOSED = StageAssumptions(SECTIONS, KNOWN_TO)
@@ -109,3 +111,10 @@ def test_what_cannot_give_a_curve_is_refused_in_a_line(change, said):
         evaluate([recording(change(plain()))], SUPPOSED)
     assert said in str(refusal.value)
     assert "\n" not in str(refusal.value)
+
+
+def test_marks_count_as_glued_to_a_tenth_of_a_millimetre():
+    mark_to_mark_m = 39.333e-3
+    turn_rad = np.sqrt(6.0) * GLUING_STD_M / mark_to_mark_m
+    assert pytest.approx(np.degrees(turn_rad), abs=0.005) == MARKS_DEG
+    assert USUAL["--marks-deg"] == MARKS_DEG
