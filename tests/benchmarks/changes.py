@@ -60,6 +60,28 @@ class MarkedPair:
         return "silent"
 
 
+def print_kinds(pairs, kinds):
+    """Marks by what has changed, and how often its family is in the most probable set of effects;
+    pairs with the reference's motions and others apart.
+    """
+    for is_other in (False, True):
+        print("other motions" if is_other else "the same motions")
+        print(f"  {'changed':<24}" + "".join(f"{word:>8}" for word in (*MARKS, "first", "of")))
+        for kind in dict.fromkeys(kinds):
+            row = [p for p in pairs if p.said["kind"] == kind and p.said["is_other"] == is_other]
+            counts = Counter(pair.mark for pair in row)
+            numbers = [counts[word] for word in MARKS]
+            first = sum(is_first(pair) for pair in row)
+            cells = "".join(f"{number:>8}" for number in (*numbers, first, len(row)))
+            print(f"  {kind:<24}{cells}")
+
+
+def is_first(pair):
+    """Whether the most probable set of effects has a family of the change."""
+    sets = [ids for ids, _ in pair.said["rivals"] if ids and ids != ["unknown"]]
+    return bool(sets) and bool(set(sets[0]) & list_related(pair.right))
+
+
 def print_marks(pairs, motions):
     """Marks by size of the change, sizes, and claims of unchanged pairs, those with the same
     `motions` as the reference's and others apart.

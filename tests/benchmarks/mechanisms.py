@@ -64,6 +64,14 @@ HOPPER_KINDS = {
     "late plate": ("sensor_lag", "clock_offset"),
     "plate scale": ("sensor_gain",),
 }
+HOPPER_KNOWN_TO = {
+    "mass_relative": 0.01,
+    "zero_offset_m": 0.0002,
+    "contact_stiffness_relative": 0.1,
+    "contact_damping_relative": 0.5,
+    "sensor_offset_N": 0.2,
+    "command_delay_s": 0.001,
+}
 
 
 @dataclass(frozen=True)
@@ -152,24 +160,8 @@ def draw_hopper(kind, random, own_contact=False):
     With `own_contact` the experiment states Hunt and Crossley's sole, and a concealed sole has
     other exponents.
     """
-    known_to = {
-        "mass_relative": 0.01,
-        "zero_offset_m": 0.0002,
-        "contact_stiffness_relative": 0.1,
-        "contact_damping_relative": 0.5,
-        "sensor_offset_N": 0.2,
-        "command_delay_s": 0.001,
-    }
     nominal = hopper.Hopper()
-    trunk, foot, stiffness, damping = 1.0 + random.standard_normal(4) * (0.01, 0.01, 0.1, 0.5)
-    actual = replace(
-        nominal,
-        trunk_kg=trunk * nominal.trunk_kg,
-        foot_kg=foot * nominal.foot_kg,
-        stiffness_N_per_m1p5=stiffness * nominal.stiffness_N_per_m1p5,
-        damping_s_per_m=max(0.1, damping) * nominal.damping_s_per_m,
-        zero_m=tuple(0.0002 * random.standard_normal(2)),
-    )
+    actual = misjudge_hopper(nominal, random)
     share = random.uniform(0.08, 0.2)
     sign = random.choice([-1.0, 1.0])
     changes = {
@@ -194,11 +186,33 @@ def draw_hopper(kind, random, own_contact=False):
     seed = int(random.integers(2**31))
     of_sole = random.spawn(1)[0]
     if own_contact and kind in SOLES:
-        actual = replace(
-            actual,
-            other_powers=tuple(of_sole.uniform(0.15, 0.3, 2) * of_sole.choice([-1.0, 1.0], 2)),
-        )
-    return partial(write, hopper, actual, nominal, 5.2, seed, known_to, own_contact=own_contact)
+        actual = replace(actual, other_powers=draw_powers(of_sole))
+    return partial(
+        write, hopper, actual, nominal, 5.2, seed, HOPPER_KNOWN_TO, own_contact=own_contact
+    )
+
+
+def misjudge_hopper(nominal, random):
+    """The hopper whose masses, sole and zeros the nominal one states within HOPPER_KNOWN_TO."""
+    trunk, foot, stiffness, damping = 1.0 + random.standard_normal(4) * (0.01, 0.01, 0.1, 0.5)
+    return replace(
+        nominal,
+        trunk_kg=trunk * nominal.trunk_kg,
+        foot_kg=foot * nominal.foot_kg,
+        stiffness_N_per_m1p5=stiffness * nominal.stiffness_N_per_m1p5,
+        damping_s_per_m=max(0.1, damping) * nominal.damping_s_per_m,
+        zero_m=draw_zeros(random),
+    )
+
+
+def draw_zeros(random):
+    """What the encoders of a hopper read too much, in m."""
+    return tuple(HOPPER_KNOWN_TO["zero_offset_m"] * random.standard_normal(2))
+
+
+def draw_powers(random):
+    """How far the exponents of a sole are from Hunt and Crossley's."""
+    return tuple(random.uniform(0.15, 0.3, 2) * random.choice([-1.0, 1.0], 2))
 
 
 def write(module, actual, nominal, seconds, seed, known_to, folder, **how):

@@ -1,6 +1,6 @@
 """How often a change since a reference is found in real recordings, where a law was planted.
 
-Run: python -m tests.benchmarks.reference_planted FOLDER [--pairs 70] [--seed 1] [--alone]
+Run: python -m tests.benchmarks.reference_planted FOLDER [--pairs 77] [--seed 1] [--alone]
 
 The recordings are public sets of driven mechanisms, in the folder that RFCA_RIG_DATASETS names.
 Some recordings of a mechanism are the reference. Others are new, with altered commands: where the
@@ -21,7 +21,6 @@ command goes on.
 import argparse
 import json
 import os
-from collections import Counter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,9 +30,8 @@ from scipy.signal import savgol_filter
 from rfca_rig.campaign.experiment import read_experiment
 from rfca_rig.diagnosis.mechanisms.problem import MechanismProblem
 from rfca_rig.diagnosis.reference.problem import ReferenceProblem
-from rfca_rig.model.catalogue import list_related
 from rfca_rig.public_data.sources import RECORDINGS_VARIABLE
-from tests.benchmarks.changes import MARKS, STDS_OF_90, MarkedPair
+from tests.benchmarks.changes import STDS_OF_90, MarkedPair, print_kinds
 from tests.benchmarks.reference import plain_answer
 from tests.benchmarks.servo import describe_answer
 from tests.public_recordings import write_public_set
@@ -293,23 +291,6 @@ def mark(said):
     return MarkedPair(said, RIGHT[said["kind"]], is_two=False, limits=0.0, size_errors=size_errors)
 
 
-def is_first(pair):
-    """Whether the most probable set of effects has one of the planted law's families."""
-    sets = [ids for ids, _ in pair.said["rivals"] if ids and ids != ["unknown"]]
-    return bool(sets) and bool(set(sets[0]) & list_related(pair.right))
-
-
-def print_kinds(pairs):
-    """Marks by what was planted, and how often its family is in the most probable set."""
-    print(f"  {'planted':<18}" + "".join(f"{word:>8}" for word in (*MARKS, "first", "of")))
-    for kind in KINDS:
-        row = [pair for pair in pairs if pair.said["kind"] == kind]
-        counts = Counter(pair.mark for pair in row)
-        numbers = [counts[word] for word in MARKS]
-        first = sum(is_first(pair) for pair in row) if kind != NOTHING else 0
-        print(f"  {kind:<18}" + "".join(f"{number:>8}" for number in (*numbers, first, len(row))))
-
-
 def main():
     """Plants, diagnoses and counts."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -326,9 +307,7 @@ def main():
         answers = [answer(asked.seed, number, asked.folder, way) for number in range(asked.pairs)]
         marked = [mark(said) for said in answers]
         print("with a reference" if way == "with" else "\nwithout a reference")
-        for is_other in (False, True):
-            print("other motions" if is_other else "the same motions")
-            print_kinds([pair for pair in marked if pair.said["is_other"] == is_other])
+        print_kinds(marked, KINDS)
         for pair in marked:
             if pair.mark in ("effect", "slot", "wrong"):
                 size = f"{pair.said['size']:.3g}"

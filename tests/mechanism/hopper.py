@@ -112,9 +112,9 @@ def _advance(x, force, values, steps):
     return x, pressed
 
 
-def record(hopper, seconds, seed):
+def record(hopper, seconds, seed, noise_seed=None):
     """Times (m,), height and leg's length (m, 2), the plate's force (m,) and the commanded force
-    (m,).
+    (m,); repeats of one motion have noise seeds of their own.
     """
     random = np.random.default_rng(seed)
     rates = random.uniform((1.6, 2.6), (2.2, 3.4)) * 2.0 * np.pi
@@ -156,7 +156,7 @@ def record(hopper, seconds, seed):
         )
         filtered += share * (pressed - filtered)
         plate[k] = hopper.plate_factor * filtered
-    noise = np.random.default_rng([seed, 1])
+    noise = np.random.default_rng([seed, 1] if noise_seed is None else noise_seed)
     read = (
         read + np.array(hopper.zero_m) + hopper.position_error_m * noise.standard_normal(read.shape)
     )
