@@ -18,7 +18,7 @@ from rfca_rig.diagnosis.leg.shaft_observations import (
     turns_as_commanded,
 )
 from rfca_rig.diagnosis.leg.strokes import make_turn
-from rfca_rig.diagnosis.result import Criterion
+from rfca_rig.diagnosis.result import Criterion, StatedFamily
 from rfca_rig.diagnosis.result_builder import build_result
 from rfca_rig.model.effect import MOTOR_SIDE
 from rfca_rig.model.motion import ramp_to_speed
@@ -220,3 +220,30 @@ def test_forces_and_shaft_are_answered_together(forces, shaft, grade, probabilit
         replace(of[shaft](leg, 0.8), probability=0.95 if shaft == "identified" else 0.8),
     )
     assert joint.grade == grade and joint.probability == pytest.approx(probability)
+
+
+def test_the_family_of_a_stated_effect_of_the_drive_is_not_stated_beside_it():
+    leg = found_among(flaps_of(recorded(RIG, THREE[:1])), ["tip_mass"])
+    stated = named(leg)
+    own = StatedFamily("leg_mass", "", "tip", 0.95, ("tip_mass", "heavier_link"))
+    other = StatedFamily("floor_yields", "", "ground", 0.95, ("ground_compliance",))
+    joint = join_decisions(
+        replace(undecided(leg), grade="family", family=other), replace(stated, family=own)
+    )
+    assert joint.family == other
+    assert joint.other_families == ()
+    # What has no stated effect stays.
+    apart = join_decisions(
+        replace(undecided(leg), grade="family", family=own),
+        replace(undecided(leg), grade="family", family=other),
+    )
+    assert (apart.family, apart.other_families) == (own, (other,))
+
+
+def test_reasons_against_effects_of_forces_and_drive_are_both_given():
+    leg = found_among(flaps_of(recorded(RIG, THREE[:1])), ["tip_mass"])
+    joint = join_decisions(
+        replace(undecided(leg), not_stated={"ground_bump": "too improbable"}),
+        replace(named(leg), not_stated={"motor_cogging": "at its bound"}),
+    )
+    assert joint.not_stated == {"ground_bump": "too improbable", "motor_cogging": "at its bound"}

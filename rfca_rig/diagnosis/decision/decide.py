@@ -786,6 +786,13 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
     )
     rivals = _combine_tables(forces.list_rivals(MOST_RIVALS), shaft.list_rivals(MOST_RIVALS))
     families = [decision.family for decision in decisions if decision.family is not None]
+    effects = (*forces.effects, *shaft.effects)
+    # The family of a stated effect says nothing more.
+    further_families = [
+        family
+        for family in (*families[1:], *forces.other_families, *shaft.other_families)
+        if not any(effect.id in family.members for effect in effects)
+    ]
     # What is visible within the usual error is no criterion of what is identified in the other
     # part.
     judged = [
@@ -806,10 +813,10 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
         closest=next(
             (decision.closest for decision in decisions if decision.closest is not None), None
         ),
-        effects=(*forces.effects, *shaft.effects),
+        effects=effects,
         not_stated={**forces.not_stated, **shaft.not_stated},
         family=families[0] if families else None,
-        other_families=(*families[1:], *forces.other_families, *shaft.other_families),
+        other_families=tuple(further_families),
         probability=probability,
         explained_share=min((decision.explained_share for decision in stated), default=1.0),
         relieved_strain=next(
