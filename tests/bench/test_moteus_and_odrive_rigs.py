@@ -91,6 +91,11 @@ def test_a_stroke_runs_and_its_time_is_the_drives(
             r'motor: dialect "0\.5" needs torque_constant_Nm_per_A',
         ),
         (OLDER_ODRIVE.replace('"0.5"', '"0.4"'), r"motor\.dialect: should be '0\.5' or '0\.6'"),
+        # The id of an ODrive that has none yet.
+        (
+            NEWER_ODRIVE.replace("node_id = 4", "node_id = 63"),
+            r"motor\.node_id: should be less than or equal to 62",
+        ),
     ],
 )
 def test_what_such_a_motor_cannot_be_is_refused_in_one_line(

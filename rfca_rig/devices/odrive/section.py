@@ -16,8 +16,8 @@ class OdriveSection(MotorSection):
     """
 
     device: Literal["odrive"]
-    node_id: Annotated[int, Field(ge=0, le=63)] = Field(
-        description="axis0.config.can.node_id of the drive"
+    node_id: Annotated[int, Field(ge=0, le=62)] = Field(
+        description="axis0.config.can.node_id of the drive; 63 is that of a drive without one"
     )
     gear_ratio: Positive = Field(description="turns of the motor per turn of the shaft")
     zero_turns: float = Field(
