@@ -46,13 +46,18 @@ def write_board_photos(
     Raises
     ------
     BadInput
-        Where the rig is no twin or has no camera.
+        Where the rig is no twin, has no camera, or one for which the leg reaches out to the left.
     """
     eye = rig.eye()
     if rig.is_real or rig.twin is None or eye is None:
         raise BadInput(
             f"{rig.rig.title}: the photos are those of a twin's camera; name a rig file of kind "
             "twin with [camera]"
+        )
+    if eye.camera.rotation[0, 1] < 0.0:
+        raise BadInput(
+            f"{rig.rig.title}: the leg reaches out to the left of the picture, where these poses "
+            "of the board do not fit; take a camera on the other side"
         )
     if seed is None:
         seed = rig.twin.seed

@@ -2,6 +2,7 @@
 calibration with them finds that camera.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -92,6 +93,16 @@ def test_a_real_rig_takes_no_photos_of_its_own(tmp_path):
     real = RIG.model_copy(update={"rig": replace_kind(RIG.rig)})
     with pytest.raises(BadInput, match="kind twin"):
         write_board_photos(real, BOARD, tmp_path / "board")
+    assert not (tmp_path / "board").exists()
+
+
+def test_a_camera_on_the_other_side_is_refused(tmp_path, monkeypatch):
+    """Half a turn about the vertical: what was on the right is on the left."""
+    setup = RIG.eye()
+    turned = replace(setup.camera, rotation=setup.camera.rotation @ np.diag([-1.0, -1.0, 1.0]))
+    monkeypatch.setattr(type(RIG), "eye", lambda _: replace(setup, camera=turned))
+    with pytest.raises(BadInput, match="to the left of the picture"):
+        write_board_photos(RIG, BOARD, tmp_path / "board")
     assert not (tmp_path / "board").exists()
 
 
