@@ -55,9 +55,12 @@ class Tick:
 class RunObserver(Protocol):
     """Called from within the control loop: has microseconds, never waits, and raises nothing."""
 
-    def stage(self, stage: Stage, expected: Load | None) -> None:
+    def stage(self, stage: Stage, expected: Load | None, turns_rad: float | None) -> None:
         """A stage begins, with the load that the model predicts; None where there is no
         prediction.
+
+        `turns_rad` are the whole turns to subtract from the shaft's continuous angle in this stage,
+        as in its recording; None where the stage goes on with those of the stage before.
         """
 
     def energising(self) -> None:
@@ -74,8 +77,8 @@ class RunObserver(Protocol):
 class NullObserver:
     """Observes nothing."""
 
-    def stage(self, stage: Stage, expected: Load | None) -> None:
-        del stage, expected
+    def stage(self, stage: Stage, expected: Load | None, turns_rad: float | None) -> None:
+        del stage, expected, turns_rad
 
     def energising(self) -> None:
         pass

@@ -24,6 +24,7 @@ from rfca_rig.protocol.plan import (
     SetHeight,
     Stage,
     StiffnessCheck,
+    whole_turns,
 )
 from rfca_rig.subprocesses import HelperWatch
 
@@ -234,7 +235,9 @@ class _Run:
                 # request must interrupt it instead.
                 self._stop_request.is_ticking = not isinstance(stage, SetHeight)
                 self._loop.expect(self._expected.get(stage))
-                self._observer.stage(stage, self._expected.get(stage))
+                self._observer.stage(
+                    stage, self._expected.get(stage), whole_turns(stage, self._loop.target_rad)
+                )
                 self._carry_out(stage)
                 progress(stage)
             # 0.1 s at the last target: the shaft comes to rest under control before the torque is

@@ -27,6 +27,7 @@ from rfca_rig.protocol.plan import (
     MoveShaft,
     SettleCriterion,
     turn_to,
+    turns_between,
 )
 
 HOLD_PERIOD_S = 0.01
@@ -181,7 +182,7 @@ def flap(loop: Loop, stage: Flap, sink: Sink) -> RecordedSamples:
         Samples of both devices, host time of the commanded start, and whole turns to subtract from
         the shaft angle.
     """
-    turns_rad = TURN_RAD * round(loop.target_rad / TURN_RAD)
+    turns_rad = turns_between(0.0, loop.target_rad)
     hold_rad = loop.target_rad
     sink.begin(stage)
     with loop.record(sink.take) as collector:
@@ -243,9 +244,7 @@ def hold(
     settled = settle(loop, target_rad, stage.settle)
     _stand(loop, target_rad, timing.dwell_s)
     start_s = loop.now_s
-    # The continuous angle may be any number of turns away from the stage's own angle, after moves
-    # over the top.
-    turns_rad = TURN_RAD * round((target_rad - stage.angle_rad) / TURN_RAD)
+    turns_rad = turns_between(stage.angle_rad, target_rad)
     sink.begin(stage)
     sink.start(start_s, turns_rad)
     capture = PhotoCapture(

@@ -356,6 +356,40 @@ class StiffnessCheck:
         return f"stiffness check {self.number}"
 
 
+def whole_turns(stage: Stage, from_rad: float) -> float | None:
+    """Whole turns in rad to subtract from the shaft's continuous angle in a stage.
+
+    The continuous angle grows by a turn with every stroke. Without these turns, a move ends at the
+    angle that it states, a hold stands at its own, and strokes begin in their first turn.
+
+    Parameters
+    ----------
+    stage
+        The stage that begins.
+    from_rad
+        Continuous commanded angle at which it begins.
+
+    Returns
+    -------
+    float or None
+        None for a stage that has no angle of its own: the turns of the stage before hold.
+    """
+    match stage:
+        case MoveShaft():
+            goal_rad = from_rad + turn_to(stage.angle_rad, from_rad, stage.forwards)
+            return turns_between(stage.angle_rad, goal_rad)
+        case Hold():
+            return turns_between(stage.angle_rad, from_rad)
+        case Approach() | Cycles() | Flap():
+            return turns_between(0.0, from_rad)
+    return None
+
+
+def turns_between(angle_rad: float, continuous_rad: float) -> float:
+    """Whole turns in rad, to the nearest, by which a continuous angle is ahead of an angle."""
+    return TURN_RAD * round((continuous_rad - angle_rad) / TURN_RAD)
+
+
 def cycles_in(plan: Plan) -> list[Cycles]:
     return [stage for stage in plan.stages if isinstance(stage, Cycles)]
 

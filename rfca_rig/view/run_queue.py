@@ -194,7 +194,7 @@ class RunQueue:
         self._owed: deque[bytes] = deque(maxlen=MAX_WAITING)
         self.lost = 0
 
-    def stage(self, stage: Stage, expected: Load | None) -> None:
+    def stage(self, stage: Stage, expected: Load | None, turns_rad: float | None) -> None:
         load = None
         if expected is not None:
             load = [expected.force_N, expected.torque_Nm]
@@ -204,6 +204,7 @@ class RunQueue:
                 "number": self._number(stage),
                 "label": stage.label,
                 "expected": load,
+                "turns_rad": turns_rad,
             }
         )
         self._check_stop_request()

@@ -72,8 +72,8 @@ class Timed:
         self.late_s: list[float] = []
         self.cost_s: list[float] = []
 
-    def stage(self, stage: Stage, expected: Load | None) -> None:
-        self._observer.stage(stage, expected)
+    def stage(self, stage: Stage, expected: Load | None, turns_rad: float | None) -> None:
+        self._observer.stage(stage, expected, turns_rad)
 
     def energising(self) -> None:
         self._observer.energising()

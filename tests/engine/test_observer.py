@@ -25,7 +25,8 @@ class Looking:
         self.stages = []
         self.ticks = []
 
-    def stage(self, stage, expected):
+    def stage(self, stage, expected, turns_rad):
+        del turns_rad
         self.stages.append((stage, expected))
 
     def energising(self):

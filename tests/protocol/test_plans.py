@@ -19,12 +19,15 @@ from rfca_rig.protocol.experiments import (
 from rfca_rig.protocol.plan import (
     Flap,
     Hold,
+    HoldTiming,
     Limits,
     MoveShaft,
     Rates,
+    Rest,
     SetHeight,
     SettleCriterion,
     turn_to,
+    whole_turns,
 )
 
 LIMITS = Limits(300.0, 25.0, 20.0, 0.3, 0.1, 0.05, 0.5, 0.2, 2.0, 0.1, 80.0, 0.05, 0.1)
@@ -95,6 +98,22 @@ def test_duration_and_size_follow_from_the_stages():
 )
 def test_the_way_to_an_angle(angle, start, forwards, way):
     assert turn_to(angle, start, forwards) == pytest.approx(way)
+
+
+def test_angles_of_a_stage_are_those_of_the_plan_whatever_turn_the_shaft_is_in():
+    turn_rad = 2.0 * np.pi
+    hold = Hold(0.2, 1, "loading", 3.5, SETTLE, HoldTiming(0.1, 0.1))
+    stroke = Flap(0.2, 2.0, 1, 0.05, 3.5)
+    for turns in (-2, 0, 1, 5000):
+        ahead_rad = turns * turn_rad
+        over_the_top = MoveShaft(0.25, 2.0, forwards=True)
+        assert whole_turns(over_the_top, ahead_rad + 2.0) == pytest.approx(ahead_rad + turn_rad)
+        assert whole_turns(MoveShaft(0.25, 2.0), ahead_rad + 0.9) == pytest.approx(ahead_rad)
+        # The nearest way to 3.5 rad is backwards, to 3.5 rad less a turn.
+        assert whole_turns(MoveShaft(3.5, 2.0), ahead_rad) == pytest.approx(ahead_rad - turn_rad)
+        assert whole_turns(hold, ahead_rad + 3.5) == pytest.approx(ahead_rad)
+        assert whole_turns(stroke, ahead_rad + 0.25) == pytest.approx(ahead_rad)
+        assert whole_turns(Rest(SETTLE), ahead_rad + 0.25) is None
 
 
 def test_a_good_plan_passes():

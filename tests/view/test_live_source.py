@@ -154,7 +154,7 @@ def test_a_trip_is_told_with_its_code():
 def test_the_leg_is_drawn_at_once_and_bent_when_the_shapes_are_there():
     with watched() as both:
         for stage in both.plan.stages[:4]:
-            both.run_queue.stage(stage, None)
+            both.run_queue.stage(stage, None, None)
         both.run_queue.tick(tick(0.002, counts_of(-5.0), angle_rad=1.2, target_rad=1.25))
         both.run.beat()
         straight = both.run.leg

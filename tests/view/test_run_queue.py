@@ -109,7 +109,7 @@ def test_stages_are_known_by_their_place_also_when_the_same_comes_again():
     with watched(given=replace(once, stages=(*once.stages, *once.stages))) as both:
         numbers = []
         for stage in both.plan.stages:
-            both.run_queue.stage(stage, None)
+            both.run_queue.stage(stage, None, None)
             both.run.beat()
             numbers.append(both.run.source.state()["stage"])
         assert numbers == list(range(len(both.plan.stages)))
