@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from math import tau
 from typing import Any
 
 import numpy as np
@@ -261,7 +260,6 @@ class Legs:
         return {
             "kind": "leg",
             "height_m": round(moment.scene.height_m, UM),
-            "shaft_rad": round(moment.shaft_rad % tau, 5),
             "leg": _as_lists(leg),
             "ghost": ghost,
             "source": source,

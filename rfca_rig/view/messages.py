@@ -47,12 +47,6 @@ SHAFT = (
 CHANNELS = (*WRENCH, *SHAFT)
 
 
-def hanging_deg(angle_rad: Floats) -> Floats:
-    """Shaft angles (n,) rad as (n,) deg from where the leg hangs down, in [-180, 180)."""
-    # The model counts from horizontal and positive downwards, so hanging is 90 degrees.
-    return np.asarray((np.degrees(angle_rad) + 90.0) % 360.0 - 180.0)
-
-
 def hello(
     title: str,
     mark: str,

@@ -27,6 +27,7 @@ from rfca_rig.clock import Clock, WallClock
 from rfca_rig.engine.interfaces import StopLevel
 from rfca_rig.errors import RigError
 from rfca_rig.protocol.check import Load
+from rfca_rig.protocol.plan import turns_between
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import BlockKind, JournalBlock, parse_blocks
 from rfca_rig.view.gauges import Gauges, LiveHealth, StreamClock
@@ -40,12 +41,11 @@ from rfca_rig.view.messages import (
     WRENCH,
     Feed,
     Message,
-    hanging_deg,
     hello,
     number_in,
     trace,
 )
-from rfca_rig.view.pyramid import Pyramid, level_for, width_s
+from rfca_rig.view.pyramid import Extrema, Pyramid, level_for, width_s
 from rfca_rig.view.run_facts import FAILED, READY, UNKNOWN_SCENE, Progress, RunFacts, ViewAssignment
 from rfca_rig.view.run_queue import SeenTicks, ticks_of
 from rfca_rig.view.server import DEBUG_VARIABLE, Pages, listen_on, port_of, serve
@@ -65,6 +65,7 @@ DONE = "done"
 SILENT_END = "the run's process ended without a word"
 FORCE = slice(0, len(WRENCH))
 SHAFT = slice(len(WRENCH), len(CHANNELS))
+SHAFT_ANGLE = SHAFT.start
 
 LONGEST_SPAN_S = 7 * 86400.0
 STATE_EVERY = round(BEATS_HZ / STATES_HZ)
@@ -90,6 +91,7 @@ class LiveSource:
         self._began_s: float | None = None
         self._now_s = self._ticked_s = 0.0
         self._shaft_rad: float | None = None
+        self._turns_rad: float | None = None
         self._target_rad = 0.0
         self._force_N: tuple[float, float] | None = None
         self._scene = UNKNOWN_SCENE
@@ -191,6 +193,8 @@ class LiveSource:
             expected = Load(*event["expected"])
         self._gauges.stage(expected)
         self._stage_label = event["label"]
+        if event["turns_rad"] is not None:
+            self._turns_rad = event["turns_rad"]
         if number >= 0:
             self._scene = self._facts.scenes[number]
 
@@ -213,8 +217,11 @@ class LiveSource:
         if ticks.shaft.shape[1]:
             host_s, device_s, angle_rad, speed_rad_s, _ = ticks.shaft
             self._shaft_rad = float(angle_rad[-1])
+            # A drive may report any number of turns before the first stage that has an angle.
+            if self._turns_rad is None:
+                self._turns_rad = turns_between(0.0, float(angle_rad[0]))
             self._add_to_pyramid(
-                0, host_s, device_s, np.column_stack([hanging_deg(angle_rad), speed_rad_s]), SHAFT
+                0, host_s, device_s, np.column_stack([np.degrees(angle_rad), speed_rad_s]), SHAFT
             )
         if len(ticks.counts):
             wrench = ticks.counts / self._per_unit
@@ -232,6 +239,21 @@ class LiveSource:
         t_s = self._clocks[stream].run_s(host_s, device_s) - (self._began_s or 0.0)
         self._newest[stream] = max(self._newest[stream], float(t_s[-1]))
         self.pyramid.take(t_s, values, channels)
+
+    @property
+    def turns_rad(self) -> float:
+        """Whole turns in rad that the shaft's continuous angle is ahead of the stage's angles."""
+        return self._turns_rad or 0.0
+
+    def extrema(self, level: int, begin: int, end: int) -> Extrema:
+        """Extrema (end - begin, channels) of closed buckets for the page. The shaft's angle counts
+        as in the recording of the present stage, and is continuous over all buckets.
+        """
+        extrema = self.pyramid.between(level, begin, end)
+        turns_deg = np.degrees(self.turns_rad)
+        extrema.low[:, SHAFT_ANGLE] -= turns_deg
+        extrema.high[:, SHAFT_ANGLE] -= turns_deg
+        return extrema
 
     def state(self) -> Message:
         """State for the page. Each limit shows the value that came nearest to it since the last
@@ -316,6 +338,7 @@ class LiveFeed:
         # Another span needs another level of the pyramid; the page gets the whole window again.
         self._level = level_for(self._span_s)
         self._sent: int | None = None
+        self._turns_rad = self._run.source.turns_rad
 
     def handle_message(self, message: Mapping[str, Any]) -> None:
         if message.get("kind") == "span":
@@ -342,7 +365,12 @@ class LiveFeed:
         return [traced, *changed]
 
     def _trace(self) -> Message | None:
-        pyramid = self._run.source.pyramid
+        source = self._run.source
+        # Another stage may count its angles from another turn; the page gets the whole window again
+        # with those.
+        if source.turns_rad != self._turns_rad:
+            self._begin()
+        pyramid = source.pyramid
         end = pyramid.count_closed(self._level)
         # A page that fell behind the oldest bucket kept cannot be continued without a gap: its
         # window starts again.
@@ -355,9 +383,7 @@ class LiveFeed:
         if begin >= end:
             return None
         self._sent = end
-        return trace(
-            width_s(self._level), begin, pyramid.between(self._level, begin, end), is_reset
-        )
+        return trace(width_s(self._level), begin, source.extrema(self._level, begin, end), is_reset)
 
 
 # Lower priority than the control loop's process.

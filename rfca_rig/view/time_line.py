@@ -19,7 +19,7 @@ from rfca_rig.protocol.plan import Flap, Hold, Plan
 from rfca_rig.protocol.written_plan import parse_plan
 from rfca_rig.recording.model import Column, StaticStage, Stream
 from rfca_rig.view.leg_pose import LegMoment, Legs
-from rfca_rig.view.messages import CHANNELS, Message, hanging_deg
+from rfca_rig.view.messages import CHANNELS, Message
 from rfca_rig.view.pyramid import Extrema, Floats, decimate
 from rfca_rig.view.run_facts import STATIC_SWEEP_DEG, Scene, SceneStroke, scenes
 
@@ -163,7 +163,7 @@ def _track(stream: Stream, zero_s: float) -> Track | None:
 def _in_page_units(stream: Stream, column: str) -> Floats:
     values = stream.columns[column].values
     if column == "shaft_angle_rad":
-        return hanging_deg(values)
+        return np.degrees(values)
     return values
 
 

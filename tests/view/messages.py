@@ -13,7 +13,7 @@ CHANNELS = [
     }
     for name in ("fx_N", "fy_N", "fz_N", "tx_Nm", "ty_Nm", "tz_Nm")
 ] + [
-    {"name": "shaft_angle_rad", "label": "angle", "unit": "deg", "plot": "angle"},
+    {"name": "shaft_angle_deg", "label": "shaft", "unit": "deg", "plot": "angle"},
     {"name": "shaft_speed_rad_s", "label": "speed", "unit": "rad/s", "plot": "speed"},
 ]
 NAMES = [channel["name"] for channel in CHANNELS]
@@ -143,7 +143,6 @@ def leg(**changed: Any) -> dict[str, Any]:
     return {
         "kind": "leg",
         "height_m": 0.215,
-        "shaft_rad": 1.9,
         "leg": bent_leg(1.9, -14.0),
         "ghost": bent_leg(1.94, -13.0),
         "source": "model at measured shaft angle",

@@ -11,11 +11,12 @@ from rfca_rig.drivers.roles import SensorScale
 from rfca_rig.engine.limit_monitor import LoadMonitor
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
+from rfca_rig.protocol.plan import whole_turns
 from rfca_rig.view.gauges import Gauges
 from rfca_rig.view.messages import CHANNELS
 from rfca_rig.view.run_facts import ListedStage, Progress
 from rfca_rig.view.run_queue import Stamp, tick_block, ticks_of
-from tests.engine.rigs import twin_rig
+from tests.engine.rigs import one_condition, twin_rig
 from tests.view.seen import SCALE, counts_of, tick, watched
 
 LIMITS = twin_rig().facts().limits
@@ -149,6 +150,64 @@ def test_a_trip_is_told_with_its_code():
             "code": "L-01",
             "text": "TRIP L-01: force 310.0 N, limit 300 N",
         }
+
+
+def angles_sent(messages):
+    """Every shaft angle of the window as a page has it after these messages, with its buckets'
+    times.
+    """
+    angle_deg = {}
+    for message in traces(messages):
+        if message.get("reset"):
+            angle_deg.clear()
+        for number, low_deg in enumerate(message["low"]["shaft_angle_deg"]):
+            if low_deg is not None:
+                angle_deg[round(message["from_s"] + number * message["dt_s"], 6)] = low_deg
+    return angle_deg
+
+
+def test_the_shaft_s_angle_goes_on_over_whole_turns_and_counts_as_the_stage_does():
+    """Two strokes, each a turn of the shaft, by a drive that reports three turns more."""
+    with watched(given=one_condition(twin_rig(), 2)) as both:
+        feed = both.run.feed()
+        sent = []
+        shaft_deg = 3 * 360.0 - 20.0
+        now_s = 0.0
+
+        def turn_to(end_deg):
+            nonlocal now_s, shaft_deg
+            while shaft_deg < end_deg:
+                now_s += 0.002
+                shaft_deg += 0.5
+                both.run_queue.tick(
+                    tick(now_s, counts_of(0.0), np.radians(shaft_deg), rate_Hz=500.0)
+                )
+                both.run.beat()
+                sent.extend(feed.new_messages())
+
+        def stage(kind):
+            begun = next(one for one in both.plan.stages if type(one).__name__ == kind)
+            turns_rad = whole_turns(begun, np.radians(shaft_deg))
+            both.run_queue.stage(begun, None, turns_rad)
+
+        turn_to(3 * 360.0 - 10.0)
+        assert list(angles_sent(sent).values())[-1] == pytest.approx(-10.0, abs=15.0)
+        for turns in (3, 4):
+            stage("MoveShaft")
+            turn_to(turns * 360.0 + 14.0)
+            stage("Rest")
+            turn_to(turns * 360.0 + 14.5)
+            stage("Flap")
+            turn_to(turns * 360.0 + 250.0)
+            both.clock.wait_until(both.clock.now_s() + 1.0)
+            both.run.beat()
+            sent.extend(feed.new_messages())
+            shown_deg = angles_sent(sent)
+            values_deg = list(shown_deg.values())
+            assert values_deg[-1] == pytest.approx(250.0, abs=2.0)
+            # 250 deg per second, and buckets of 8 ms.
+            assert np.abs(np.diff(values_deg)).max() < 3.0
+            assert values_deg[0] == pytest.approx(-20.0 - 360.0 * (turns - 3), abs=2.0)
 
 
 def test_the_leg_is_drawn_at_once_and_bent_when_the_shapes_are_there():

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 
@@ -17,8 +18,10 @@ from playwright.sync_api import ViewportSize, expect
 
 from rfca_rig.campaign.stored import open_stored
 from rfca_rig.clock import WallClock
+from rfca_rig.engine.interfaces import Tick
 from rfca_rig.engine.run import run_plan
 from rfca_rig.errors import Stopped
+from rfca_rig.protocol.plan import Flap, MoveShaft, Stage
 from rfca_rig.recording.model import Stroke
 from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.replay import Replay
@@ -114,6 +117,118 @@ def test_the_button_stops_the_run(tmp_path, watched):
             )
         assert len(told) == 1
         kept.finish()
+
+
+# Of a shaft at 186 deg/s, so long as a bucket of 8 ms, and a loop's tick.
+ANGLE_APART_DEG = 2.0
+
+
+def shaft_in_file(run_h5: Path, stroke: int) -> tuple[np.ndarray, np.ndarray]:
+    """Host times in s and angles in deg of a stroke as another program reads them from the file:
+    each number with the factor and the offset that stand beside it.
+    """
+    with h5py.File(run_h5) as file:
+        shaft = file[f"strokes/{stroke:03}/shaft"]
+        angle = shaft["shaft_angle_rad"]
+        angle_rad = angle[()] * angle.attrs["conversion"] + angle.attrs["offset"]
+        return shaft["host_s"][()], np.degrees(angle_rad)
+
+
+def angle_under_mouse(watched: WatchedPage, at_s: float) -> float:
+    """The shaft's angle that the page says in words for a time of its traces."""
+    x, y = watched.page.evaluate(
+        """at_s => {
+          const plot = rfcaView.traces.panels.find(panel => panel.kind.plot === "angle").plot;
+          const box = plot.over.getBoundingClientRect();
+          return [box.left + plot.valToPos(at_s, "x"), box.top + 0.5 * box.height];
+        }""",
+        at_s,
+    )
+    watched.page.mouse.move(x, y)
+    watched.page.evaluate("() => rfcaView.traces.draw()")
+    text = watched.page.locator(".panel[data-plot=angle] .reading b").inner_text()
+    watched.page.mouse.move(1.0, 1.0)
+    return float(text.replace("\N{MINUS SIGN}", "-"))
+
+
+def angles_drawn(watched: WatchedPage) -> tuple[np.ndarray, np.ndarray]:
+    """Times in s, and angles in deg of the page's buckets that have one."""
+    times_s, angles_deg = watched.page.evaluate(
+        """() => { const { t, low, high } = rfcaView.shown.buckets;
+          const has = t.map((_, i) => i).filter(i => low.shaft_angle_deg[i] !== null);
+          return [has.map(i => t[i]),
+            has.map(i => (low.shaft_angle_deg[i] + high.shaft_angle_deg[i]) / 2)]; }"""
+    )
+    return np.array(times_s), np.array(angles_deg)
+
+
+def wait_until_drawn(watched: WatchedPage, at_s: float) -> None:
+    watched.page.wait_for_function("at_s => rfcaView.shown.buckets?.endS >= at_s", arg=at_s)
+
+
+@pytest.mark.slow
+def test_the_shaft_s_angle_is_that_of_the_list_and_of_the_recording(tmp_path, watched):
+    """Live and replayed. Each stroke is a turn: the third begins at 734 deg of the drive."""
+    plan = one_condition(RIG, 3)
+    drawn_in_stroke = []
+    with (
+        recorder_on(RIG, tmp_path / "run") as (bench, recorder, kept),
+        viewed(bench, plan) as (view, supervision, _),
+        visited(watched, view.url),
+    ):
+        first_tick_s = []
+        take_tick = view.run_queue.tick
+
+        def note_tick(tick: Tick) -> None:
+            first_tick_s.append(tick.now_s)
+            del first_tick_s[1:]
+            take_tick(tick)
+
+        view.run_queue.tick = note_tick
+
+        def compare(stage: Stage) -> None:
+            if isinstance(stage, MoveShaft | Flap):
+                now_s = bench.clock.now_s() - first_tick_s[0]
+                wait_until_drawn(watched, now_s - 0.01)
+            if isinstance(stage, MoveShaft):
+                stated_deg = float(stage.label.removeprefix("shaft to ").removesuffix(" deg"))
+                assert angle_under_mouse(watched, now_s - 0.02) == pytest.approx(
+                    stated_deg, abs=ANGLE_APART_DEG
+                )
+            if isinstance(stage, Flap):
+                drawn_in_stroke.append(angles_drawn(watched))
+                in_stroke_s = now_s - 0.6
+                said.append((in_stroke_s, angle_under_mouse(watched, in_stroke_s)))
+
+        said: list[tuple[float, float]] = []
+        run_plan(plan, bench, recorder, compare, supervision)
+        kept.finish()
+    for number in (1, 2, 3):
+        host_s, angle_deg = shaft_in_file(tmp_path / "run" / "run.h5", number)
+        times_s, shown_deg = drawn_in_stroke[number - 1]
+        run_s = host_s - first_tick_s[0]
+        in_stroke = (times_s > run_s[0]) & (times_s < run_s[-1])
+        assert in_stroke.sum() > 100 and angle_deg.min() < 15.0 and angle_deg.max() > 200.0
+        np.testing.assert_allclose(
+            shown_deg[in_stroke],
+            np.interp(times_s[in_stroke], run_s, angle_deg),
+            rtol=0.0,
+            atol=ANGLE_APART_DEG,
+        )
+        # Neither at 180 deg, nor at the top, nor where a stage begins.
+        assert np.abs(np.diff(shown_deg)).max() < 2 * ANGLE_APART_DEG
+        at_s, said_deg = said[number - 1]
+        assert said_deg == pytest.approx(np.interp(at_s, run_s, angle_deg), abs=ANGLE_APART_DEG)
+    with replayed(tmp_path / "run") as url, visited(watched, url):
+        watched.page.wait_for_function("() => rfcaView.shown.state")
+        watched.page.keyboard.press("Space")
+        watched.page.keyboard.press("End")
+        host_s, angle_deg = shaft_in_file(tmp_path / "run" / "run.h5", 3)
+        wait_until_drawn(watched, watched.page.evaluate("() => rfcaView.replay.durationS"))
+        end_s = watched.page.evaluate("() => rfcaView.replay.durationS")
+        assert angle_under_mouse(watched, end_s - 0.5) == pytest.approx(
+            np.interp(host_s[-1] - 0.5, host_s, angle_deg), abs=ANGLE_APART_DEG
+        )
 
 
 @contextmanager

@@ -7,7 +7,7 @@ const SPANS_S = [2, 8, 30, 120];
 const PANELS = [
   { plot: "force", title: "Force", share: 3.2 },
   { plot: "moment", title: "Moment", share: 1.7 },
-  { plot: "angle", title: "Shaft angle", share: 1.3 },
+  { plot: "angle", title: "Shaft below horizontal", share: 1.3 },
   { plot: "speed", title: "Shaft speed", share: 1.3 },
 ];
 const MAIN = "#173f6b";
