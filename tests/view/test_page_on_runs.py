@@ -162,6 +162,19 @@ def angles_drawn(watched: WatchedPage) -> tuple[np.ndarray, np.ndarray]:
     return np.array(times_s), np.array(angles_deg)
 
 
+def wait_until_first_link_is_at(watched: WatchedPage, angle_deg: float) -> None:
+    """In deg from the horizontal, positive downwards, as the leg is drawn."""
+    watched.page.wait_for_function(
+        """([angle, apart]) => {
+          const points = document.querySelector("#leg-picture .leg").getAttribute("points");
+          const [shaft, hinge] = (points ?? "").split(" ").map(text => text.split(",").map(Number));
+          if (!hinge) return false;
+          const drawn = Math.atan2(hinge[1] - shaft[1], hinge[0] - shaft[0]) * 180 / Math.PI;
+          return Math.abs(drawn - angle) < apart; }""",
+        arg=[angle_deg, ANGLE_APART_DEG],
+    )
+
+
 def wait_until_drawn(watched: WatchedPage, at_s: float) -> None:
     watched.page.wait_for_function("at_s => rfcaView.shown.buckets?.endS >= at_s", arg=at_s)
 
@@ -195,6 +208,7 @@ def test_the_shaft_s_angle_is_that_of_the_list_and_of_the_recording(tmp_path, wa
                 assert angle_under_mouse(watched, now_s - 0.02) == pytest.approx(
                     stated_deg, abs=ANGLE_APART_DEG
                 )
+                wait_until_first_link_is_at(watched, stated_deg)
             if isinstance(stage, Flap):
                 drawn_in_stroke.append(angles_drawn(watched))
                 in_stroke_s = now_s - 0.6
