@@ -27,7 +27,7 @@ from rfca_rig.clock import Clock, WallClock
 from rfca_rig.engine.interfaces import StopLevel
 from rfca_rig.errors import RigError
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.plan import turns_between
+from rfca_rig.protocol.plan import TURN_RAD, turns_between
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import BlockKind, JournalBlock, parse_blocks
 from rfca_rig.view.gauges import Gauges, LiveHealth, StreamClock
@@ -66,6 +66,7 @@ SILENT_END = "the run's process ended without a word"
 FORCE = slice(0, len(WRENCH))
 SHAFT = slice(len(WRENCH), len(CHANNELS))
 SHAFT_ANGLE = SHAFT.start
+HALF_TURN_RAD = 0.5 * TURN_RAD
 
 LONGEST_SPAN_S = 7 * 86400.0
 STATE_EVERY = round(BEATS_HZ / STATES_HZ)
@@ -92,6 +93,7 @@ class LiveSource:
         self._now_s = self._ticked_s = 0.0
         self._shaft_rad: float | None = None
         self._turns_rad: float | None = None
+        self._is_cycling = False
         self._target_rad = 0.0
         self._force_N: tuple[float, float] | None = None
         self._scene = UNKNOWN_SCENE
@@ -195,6 +197,7 @@ class LiveSource:
         self._stage_label = event["label"]
         if event["turns_rad"] is not None:
             self._turns_rad = event["turns_rad"]
+        self._is_cycling = number >= 0 and self._facts.stages[number].kind == "cycles"
         if number >= 0:
             self._scene = self._facts.scenes[number]
 
@@ -220,6 +223,10 @@ class LiveSource:
             # A drive may report any number of turns before the first stage that has an angle.
             if self._turns_rad is None:
                 self._turns_rad = turns_between(0.0, float(angle_rad[0]))
+            # Thousands of turns make a stage of cycles. Each counts from 0 to 360 degrees, so that
+            # the number says where the leg is.
+            if self._is_cycling:
+                self._turns_rad = turns_between(HALF_TURN_RAD, self._shaft_rad)
             self._add_to_pyramid(
                 0, host_s, device_s, np.column_stack([np.degrees(angle_rad), speed_rad_s]), SHAFT
             )
@@ -247,7 +254,8 @@ class LiveSource:
 
     def extrema(self, level: int, begin: int, end: int) -> Extrema:
         """Extrema (end - begin, channels) of closed buckets for the page. The shaft's angle counts
-        as in the recording of the present stage, and is continuous over all buckets.
+        as in the recording of the present stage, or in the present cycle. It is continuous over all
+        buckets.
         """
         extrema = self.pyramid.between(level, begin, end)
         turns_deg = np.degrees(self.turns_rad)

@@ -1,6 +1,7 @@
 """From ticks to messages, with nothing in between but the queue: what a page is told of a run."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from rfca_rig.drivers.roles import SensorScale
 from rfca_rig.engine.limit_monitor import LoadMonitor
 from rfca_rig.errors import Tripped
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.plan import whole_turns
+from rfca_rig.protocol.plan import Cycles, whole_turns
 from rfca_rig.view.gauges import Gauges
 from rfca_rig.view.messages import CHANNELS
 from rfca_rig.view.run_facts import ListedStage, Progress
@@ -208,6 +209,25 @@ def test_the_shaft_s_angle_goes_on_over_whole_turns_and_counts_as_the_stage_does
             # 250 deg per second, and buckets of 8 ms.
             assert np.abs(np.diff(values_deg)).max() < 3.0
             assert values_deg[0] == pytest.approx(-20.0 - 360.0 * (turns - 3), abs=2.0)
+
+
+def test_in_cycles_the_shaft_s_angle_counts_anew_with_each_turn():
+    once = one_condition(twin_rig())
+    cycles = Cycles(0.215, 6.0, 1, 4)
+    with watched(given=replace(once, stages=(*once.stages, cycles))) as both:
+        feed = both.run.feed()
+        sent = []
+        both.run_queue.stage(cycles, None, whole_turns(cycles, np.radians(7214.0)))
+        for number, shaft_deg in enumerate(np.arange(7214.0, 8600.0, 0.7), start=1):
+            both.run_queue.tick(
+                tick(0.002 * number, counts_of(0.0), np.radians(shaft_deg), rate_Hz=500.0)
+            )
+            both.run.beat()
+            sent.extend(feed.new_messages())
+            if number % 50 == 0:
+                values_deg = list(angles_sent(sent).values())
+                assert values_deg[-1] == pytest.approx(shaft_deg % 360.0, abs=60.0)
+                assert np.abs(np.diff(values_deg)).max() < 4.0
 
 
 def test_the_leg_is_drawn_at_once_and_bent_when_the_shapes_are_there():
