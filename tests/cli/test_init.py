@@ -108,7 +108,7 @@ def test_allowed_values_stand_beside_the_keys(computer, tmp_path):
     # [known_to] has a start angle as well, behind that of the leg.
     lines = {line.partition(" =")[0]: line for line in reversed(text.splitlines())}
     assert '"cubemars-mit", "cubemars-servo", "moteus", "odrive", "own"' in text
-    assert ">= 0, <= 63" in lines["node_id"]
+    assert ">= 0, <= 62" in lines["node_id"]
     assert '"0.5", "0.6"; optional' in lines["# dialect"]
     # In the unit of the key.
     assert ">= -180, <= 180" in lines["start_angle_deg"]

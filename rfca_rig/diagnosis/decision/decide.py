@@ -787,11 +787,12 @@ def join_decisions(forces: Decision, shaft: Decision) -> Decision:
     rivals = _combine_tables(forces.list_rivals(MOST_RIVALS), shaft.list_rivals(MOST_RIVALS))
     families = [decision.family for decision in decisions if decision.family is not None]
     effects = (*forces.effects, *shaft.effects)
+    stated_ids = {effect.id for effect in effects}
     # The family of a stated effect says nothing more.
     further_families = [
         family
         for family in (*families[1:], *forces.other_families, *shaft.other_families)
-        if not any(effect.id in family.members for effect in effects)
+        if stated_ids.isdisjoint(family.members)
     ]
     # What is visible within the usual error is no criterion of what is identified in the other
     # part.
