@@ -24,6 +24,7 @@ SMALL = ROOT / "tests" / "data" / "small-campaign"
 REAL_RIG = ROOT / "tests" / "data" / "real-rig.toml"
 REPORT_TABLES = ("table2", "peak-forces", "run-stages", "run-conditions")
 REPORT = {
+    "strokes-1.csv",
     "report.html",
     "run.html",
     *(f"{name}.{kind}" for name in REPORT_TABLES for kind in ("csv", "tex")),
