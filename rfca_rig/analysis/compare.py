@@ -60,6 +60,14 @@ class ComparedCondition:
         """Whether at least one repeat has a measurable contact with the ground."""
         return any(np.isfinite(r.phases.touchdown_s) for r in self.repeats)
 
+    @property
+    def end_s(self) -> float:
+        """End of the longest recording of fz; of the simulation where none has fz."""
+        return max(
+            (float(r.t_s[-1]) for r in self.repeats if len(r.t_s)),
+            default=float(self.simulated[0].stroke.t_s[-1]),
+        )
+
     def mean_phases(self) -> StrokePhases:
         """Mean of each border over the repeats that reached it; of the simulated strokes where
         no repeat has a measurable contact.

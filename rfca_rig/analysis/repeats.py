@@ -7,6 +7,9 @@ import numpy as np
 
 from rfca_rig.recording.model import Stroke, collect_strokes_before
 
+# Standard deviations on either side of a normal distribution that hold 95 %.
+STDS_OF_95 = 1.96
+
 
 @dataclass(frozen=True)
 class Condition:

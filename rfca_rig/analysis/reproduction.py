@@ -139,7 +139,7 @@ def reproduce_strokes(
             ReproducedCondition(
                 average=compare_condition(rig, condition, "average"),
                 recorded=recorded,
-                valley=predict_valley(recorded, rig, known_to, "recorded", ""),
+                valley=predict_valley(recorded, rig, known_to, "recorded"),
             )
         )
     return Reproduction(static, rig, tuple(reproduced))

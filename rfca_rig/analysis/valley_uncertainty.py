@@ -24,15 +24,12 @@ from rfca_rig.analysis.matched_simulation import (
     last_moment_s,
 )
 from rfca_rig.analysis.phases import Valley, find_valley
-from rfca_rig.analysis.repeats import Condition, Spread
+from rfca_rig.analysis.repeats import STDS_OF_95, Condition, Spread
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import SimulatedStroke
 
 Floats = NDArray[np.float64]
-
-# Standard deviations on either side of a normal distribution that hold 95 %.
-STDS_OF_95 = 1.96
 
 
 @dataclass(frozen=True)
@@ -121,7 +118,6 @@ def predict_valley(
     rig: RigModel,
     known_to: Mapping[str, float],
     shaft: Shaft,
-    source: str,
 ) -> PredictedValley:
     """The valley of a condition with the uncertainty that the model's values leave.
 
@@ -135,8 +131,6 @@ def predict_valley(
         One standard deviation of its values, as in the section of that name.
     shaft
         Motion of the simulated shaft, as in `matched_simulation.simulate_matching`.
-    source
-        Name of the recording.
 
     Raises
     ------
@@ -155,7 +149,7 @@ def predict_valley(
     by_point = simulate_points([turn.job for turn in turns], points)
     valleys = np.array([_mean_valley(strokes, weights) for strokes in by_point])
     effects = 0.5 * (valleys[0::2] - valleys[1::2])
-    return PredictedValley(make_table2_row(compared, source), prior.names, effects)
+    return PredictedValley(make_table2_row(compared, ""), prior.names, effects)
 
 
 def _end_of_simulation_s(condition: Condition, shaft: Shaft) -> float:

@@ -24,7 +24,7 @@ HEIGHT_STD_MM = 0.2
 
 def predicted(known_to, shaft="recorded", rig=RIG):
     compared = compare_condition(rig, CONDITION, shaft)
-    return predict_valley(compared, rig, known_to, shaft, "")
+    return predict_valley(compared, rig, known_to, shaft)
 
 
 def mean_valley(rig, condition=CONDITION, shaft="recorded"):
@@ -77,7 +77,7 @@ def test_every_repeat_counts_with_its_own_turn():
     two_turns = replace(CONDITION, strokes=(first, ahead))
     known_to = {"friction_coefficient": FRICTION_STD}
     valley = predict_valley(
-        compare_condition(RIG, two_turns, "recorded"), RIG, known_to, "recorded", ""
+        compare_condition(RIG, two_turns, "recorded"), RIG, known_to, "recorded"
     )
     sides = [mean_valley(with_friction(by), two_turns) for by in (FRICTION_STD, -FRICTION_STD)]
     assert valley.effects[0] == pytest.approx(0.5 * (sides[0] - sides[1]), rel=1e-3, abs=1e-5)
@@ -101,7 +101,7 @@ def test_nothing_is_predicted_after_the_last_recorded_angle(end_s, is_known):
     condition = replace(CONDITION, strokes=tuple(short))
     compared = compare_condition(RIG, condition, "recorded")
     known_to = {"friction_coefficient": FRICTION_STD}
-    valley = predict_valley(compared, RIG, known_to, "recorded", "")
+    valley = predict_valley(compared, RIG, known_to, "recorded")
     assert (valley.fz.predicted is not None) == is_known
     assert (valley.fz.std is not None) == is_known
     if is_known:

@@ -65,7 +65,10 @@ def test_every_figure_of_a_report_is_a_file_and_old_ones_go(report):
 
 def read_columns(text):
     rows = list(csv.DictReader(io.StringIO(text)))
-    return {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
+    columns = {}
+    for name in rows[0]:
+        columns[name] = np.array([float(row[name] or "nan") for row in rows])
+    return columns
 
 
 def test_traces_are_those_of_the_figure(report):

@@ -280,7 +280,11 @@ class MoteusReplies(DriveReceiver):
             "CAN-FD at 1 and 5 Mbit/s"
         )
 
-    def _take(self, message: can.Message, arrived_s: float) -> None:  # noqa: ARG002 (an answer shows the shaft at its request)
+    def _take(
+        self,
+        message: can.Message,
+        arrived_s: float,  # noqa: ARG002 (an answer shows the shaft at its request)
+    ) -> None:
         route = codec.route_of(message.arbitration_id)
         if route.wants_reply or route.source == self._settings.own_id:
             # A request: by another master, or our own echoed by the adapter.

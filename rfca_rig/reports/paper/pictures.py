@@ -19,8 +19,8 @@ from rfca_rig.analysis.reproduction import ReproducedCondition
 from rfca_rig.analysis.torque_rotation.static_result import StaticResult
 from rfca_rig.analysis.valley_uncertainty import PredictedValley
 from rfca_rig.escaping import csv_line
-from rfca_rig.reports.static.pictures import draw_torque_curve
-from rfca_rig.reports.strokes.overlay import draw_crosscheck, draw_force
+from rfca_rig.reports.static.pictures import DASHES, draw_torque_curve
+from rfca_rig.reports.strokes.overlay import COLUMNS, draw_crosscheck, draw_force
 from rfca_rig.reports.strokes.traces import trace_csv
 from rfca_rig.reports.style import MEASURED, OTHER, SIMULATED, SMALL, envelope
 
@@ -34,9 +34,6 @@ CURVE_BOX = (0.125, 0.135, 0.86, 0.835)
 CHECK_IN = (4.9, 3.7)
 # Half of the time around the measured valley that is enlarged.
 AROUND_VALLEY_S = 0.12
-# Points of a line.
-COLUMNS = 330
-DASHES = (0, (3.2, 1.8))
 
 
 def make_curve_figure(static: StaticResult) -> Figure:
@@ -66,13 +63,9 @@ def make_stroke_figure(shown: ReproducedCondition) -> Figure:
     average = shown.average
     figure = Figure(figsize=SIZE_IN)
     stroke = figure.add_axes(STROKE_BOX)
-    end_s = max(
-        (float(repeat.t_s[-1]) for repeat in average.repeats if len(repeat.t_s)),
-        default=float(average.simulated[0].stroke.t_s[-1]),
-    )
-    draw_force(stroke, average, end_s, COLUMNS)
+    draw_force(stroke, average, average.end_s, COLUMNS)
     _draw_recorded(stroke, shown.recorded.simulated)
-    stroke.set_xlim(0.0, end_s)
+    stroke.set_xlim(0.0, average.end_s)
     _draw_valley(figure.add_axes(VALLEY_BOX), shown)
     return figure
 
@@ -83,7 +76,7 @@ def _draw_recorded(axes: Axes, simulated: Iterable[MatchedSimulation]) -> None:
             *envelope(model.stroke.t_s, model.stroke.fz_N, COLUMNS),
             color=OTHER,
             lw=0.9,
-            ls=DASHES,
+            ls=DASHES["other"],
         )
 
 
@@ -146,7 +139,7 @@ def _plot_within(
         *envelope(t_s[inside], fz_N[inside], COLUMNS),
         color=colour,
         lw=width,
-        ls=DASHES if is_dashed else "-",
+        ls=DASHES["other"] if is_dashed else "-",
         solid_capstyle="round",
     )
     return float(fz_N[inside].min())

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rfca_rig.analysis.repeats import STDS_OF_95
 from rfca_rig.analysis.static_forces import stiffness_drift
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Cycles, Flap, StiffnessCheck, cycles_in
@@ -42,8 +43,6 @@ SHOWN_ELSEWHERE = (
     "standstill",
     "tare_drift",
 )
-# Half of a 95 % interval of a normal distribution, in standard deviations.
-STDS_95 = 1.96
 
 LOADS = (
     TableColumn("peak_force_N", "peak", digits=1, over="Force"),
@@ -357,7 +356,7 @@ def checks_table(story: RunStory) -> Table:
                 "check": check.number,
                 "cycles": before.get(check.number),
                 "drift_pct": 100.0 * drift.relative,
-                "half_pct": 100.0 * STDS_95 * drift.std,
+                "half_pct": 100.0 * STDS_OF_95 * drift.std,
                 "limit_pct": 100.0 * check.drift_limit,
             },
             marked=abs(drift.relative) > check.drift_limit,

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from markupsafe import Markup
 
+from rfca_rig.analysis.repeats import STDS_OF_95
 from rfca_rig.analysis.torque_rotation.static_result import (
     PredictedHingeCurve,
     StaticResult,
@@ -494,7 +495,7 @@ def _loop_sentence(result: StaticResult) -> str:
     return keep_units_together(
         f"Of {count_noun(loop.bending + loop.unbending, 'angle')} that were clearly "
         f"turned to, {loop.unbending} came back. Between bending "
-        f"and unbending lie {number(2 * loop.half_Nm, 3)} ± {2 * 1.96 * loop.std_Nm:.3f} "
+        f"and unbending lie {number(2 * loop.half_Nm, 3)} ± {2 * STDS_OF_95 * loop.std_Nm:.3f} "
         f"N m (95 %): {seen}."
     )
 

@@ -93,10 +93,7 @@ def draw_overlay(compared: ComparedCondition, salt: str) -> OverlayDrawing:
         figure = Figure(figsize=SIZE_IN)
         force = figure.add_axes(FORCE_BOX)
         residual = figure.add_axes(RESIDUAL_BOX)
-        end_s = max(
-            (float(r.t_s[-1]) for r in compared.repeats if len(r.t_s)),
-            default=float(compared.simulated[0].stroke.t_s[-1]),
-        )
+        end_s = compared.end_s
         draw_force(force, compared, end_s, columns)
         _draw_residual(residual, compared, limit_N, columns)
         for axes in (force, residual):
