@@ -73,6 +73,9 @@ class MotorMake:
     torque_off
         For a drive without a watchdog: (keys, silent_s) -> TorqueOffFrames, which the guardian
         sends.
+    setup
+        Reads and writes the settings of the drive: (keys, bus, clock) -> `drive_setup.DriveSetup`.
+        Without it, `rfca-rig setup motor` refuses the make.
     watchdog_key
         The key in milliseconds that states the drive's watchdog, where the rig file has one.
     number
@@ -90,6 +93,7 @@ class MotorMake:
     check: str | None = None
     faults: str | None = None
     torque_off: str | None = None
+    setup: str | None = None
     watchdog_key: str | None = None
     number: tuple[str, int] = ("drive_id", 1)
     usual: Mapping[str, Any] = field(default_factory=dict)

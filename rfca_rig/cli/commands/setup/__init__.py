@@ -1,0 +1,8 @@
+"""rfca-rig setup: the first day with a real rig. A command to each file."""
+
+import typer
+
+app = typer.Typer(
+    help="The first day with a real rig: drives, zeros and axes are set up and checked.",
+    no_args_is_help=True,
+)
