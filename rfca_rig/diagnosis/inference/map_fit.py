@@ -96,10 +96,14 @@ class MapFit:
 
 @dataclass(frozen=True)
 class GaussNewton:
-    """Optimiser of one dataset: damped Gauss-Newton steps; evidence of fits is cached."""
+    """Optimiser of one dataset: damped Gauss-Newton steps; evidence of fits is cached.
+
+    No coordinate goes farther than `max_coordinate`, in prior standard deviations.
+    """
 
     dataset: Dataset
     likelihood: MarginalLikelihood
+    max_coordinate: float = MAX_COORDINATE
     # Evidence is asked for again and again during the search. The weak keys let a fit go with its
     # results once it is dropped.
     _free: WeakKeyDictionary[MapFit, float] = field(
@@ -209,7 +213,8 @@ class GaussNewton:
         failed = 0
         is_fresh = False
         for _ in range(rounds):
-            goal = _goal(fit.linear(self.dataset.rows.measured), whitening)
+            linear = fit.linear(self.dataset.rows.measured)
+            goal = _goal(linear, whitening, self.max_coordinate)
             before = self.misfit(fit.x, fit.predicted, whitening)
             # The linear model itself promises too little for a further step.
             if (
@@ -450,7 +455,7 @@ def _widths(size: Floats) -> Floats:
     )
 
 
-def _goal(linear: LinearModel, whitening: Whitening) -> Floats:
+def _goal(linear: LinearModel, whitening: Whitening, bound: float) -> Floats:
     """Posterior mean (p,) of the linear model within the bounds.
 
     A coordinate that would leave is fixed at its bound, and the others are solved again.
@@ -458,13 +463,13 @@ def _goal(linear: LinearModel, whitening: Whitening) -> Floats:
     x = laplace_posterior(linear, whitening).mean
     free = np.ones(linear.jacobian.shape[1], dtype=bool)
     # Active-set iteration: every pass fixes at least one coordinate more, so it ends.
-    while np.any(np.abs(x[free]) > MAX_COORDINATE):
-        free &= np.abs(x) <= MAX_COORDINATE
-        x = np.clip(x, -MAX_COORDINATE, MAX_COORDINATE)
+    while np.any(np.abs(x[free]) > bound):
+        free &= np.abs(x) <= bound
+        x = np.clip(x, -bound, bound)
         if not free.any():
             break
         rest = LinearModel(
             linear.target - linear.jacobian[:, ~free] @ x[~free], linear.jacobian[:, free]
         )
         x[free] = laplace_posterior(rest, whitening).mean
-    return np.clip(x, -MAX_COORDINATE, MAX_COORDINATE)
+    return np.clip(x, -bound, bound)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.space import JointNormal, Prior
-from rfca_rig.diagnosis.config import USUAL_ERROR
+from rfca_rig.diagnosis.config import MAX_COORDINATE, USUAL_ERROR
 from rfca_rig.diagnosis.data import Observations
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton, MapFit
@@ -82,12 +82,29 @@ class ReferenceFit:
         """Its observations."""
         return self.optimizer.dataset
 
-    def make_prior(self, is_joint: bool = True) -> Prior[Any]:
+    @property
+    def contradiction(self) -> float:
+        """By how much the values that it found are farther from the stated ones than their stated
+        uncertainties say: rms of the shifts, 1 at least.
+
+        A value that takes up what a wrong law leaves takes up something else in other motions. With
+        this factor the uncertainty of values that contradict each other is widened (Birge ratio:
+        Birge, Phys. Rev. 40 (1932) 207).
+        """
+        stated = self.space.has_prior & ~self.free
+        if not stated.any():
+            return 1.0
+        return max(float(np.sqrt(np.mean(self.mean[stated] ** 2))), 1.0)
+
+    def make_prior(self, is_joint: bool = True, is_same_motion: bool = True) -> Prior[Any]:
         """The prior for recordings of another day: the posterior, with the stated priors of the
-        parameters that are free; without correlations unless `is_joint`.
+        parameters that are free; without correlations unless `is_joint`. For other motions it is
+        wider by the `contradiction`.
         """
         mean = np.where(self.free, 0.0, self.mean)
         covariance = np.where(self.free[:, None] | self.free, 0.0, self.covariance)
+        if not is_same_motion:
+            covariance = covariance * self.contradiction**2
         if not is_joint:
             covariance = np.diag(np.diag(covariance))
         covariance = covariance + np.diag(self.free.astype(float))
@@ -127,7 +144,7 @@ def fit_reference(
     dataset = pair.reference
     if search is None:
         search = fit_without_effects(pair, progress)
-    fitted = search.nothing.fitted
+    fitted = _leave_bounds(search)
     rows = dataset.rows
     linear = fitted.linear(rows.measured)
     # The scatter of the parameters needs residuals, and the residuals need a posterior: a first one
@@ -157,6 +174,21 @@ def fit_reference(
         repeats=repeats,
         scatter=search.scatter.columns,
     )
+
+
+def _leave_bounds(search: ModelSelectionResult) -> MapFit:
+    """The fit without effects; where a parameter is at its bound, as far beyond it as the reference
+    asks for.
+
+    A value that far off is no credible one, but it takes up what the model lacks in both recordings
+    alike. At the bound it would leave some of that, and a linear fit, which knows no bound, would
+    put it where the model was never simulated.
+    """
+    fitted = search.nothing.fitted
+    if fitted.max_nuisance_shift < MAX_COORDINATE:
+        return fitted
+    optimizer = GaussNewton(search.dataset, search.likelihood, max_coordinate=np.inf)
+    return optimizer.converge(fitted)
 
 
 def _number_commands(rows: Observations, groups: Sequence[Sequence[Match]]) -> NDArray[np.intp]:

@@ -80,7 +80,7 @@ def _add_term(space: Prior[Any], term: EffectTerm, z: Floats) -> Prior[Any]:
         parameters=(*space.parameters, *parameters),
         centre=space.centre.with_effects((present,)),
         std=np.append(space.std, np.ones(len(parameters))),
-        has_prior=np.append(space.has_prior, np.ones(len(parameters), dtype=bool)),
+        has_prior=np.append(space.has_prior, np.zeros(len(parameters), dtype=bool)),
     )
 
 

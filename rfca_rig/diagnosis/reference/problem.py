@@ -338,7 +338,7 @@ class ReferenceProblem(Problem):
         """The unknowns and the compared conditions. Raises SimulationFailed where the model has no
         answer at the values of the reference.
         """
-        coordinates = Parameterization(fit.make_prior(self.parts.joint_prior))
+        coordinates = Parameterization(fit.make_prior(self.parts.joint_prior, has_matches(pair)))
         return coordinates, compare_pair(pair, coordinates, fit, self.parts)
 
     def check_fit(self, options: FitOptions, out: Path | None) -> None:

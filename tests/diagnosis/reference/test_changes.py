@@ -80,11 +80,11 @@ def record(shaken, friction, repeats=1, seed=0, mass_kg=1.0):
     return make_dataset(parts, RecordingSimulator())
 
 
-def make_pair(new, reference):
+def make_pair(new, reference, space=None):
     return RecordingPair(
         new=new,
         reference=reference,
-        space=nuisance_space(),
+        space=space or nuisance_space(),
         free=frozenset(),
         effects=tuple(CATALOGUE.values()),
         config=DEFAULT_SEARCH,
@@ -96,10 +96,10 @@ def make_pair(new, reference):
     )
 
 
-def decided(new, reference, parts=None):
+def decided(new, reference, parts=None, space=None):
     """The decision about the change, through the problem that every kind of rig uses."""
     of_rig = Mock(spec=Problem)
-    of_rig.pair_with.return_value = make_pair(new, reference)
+    of_rig.pair_with.return_value = make_pair(new, reference, space)
     of_rig.recordings = ()
     compared = ReferenceProblem(of_rig, of_rig, parts or ReferenceParts())
     return compared.solve((), lambda *_: None)
@@ -231,3 +231,51 @@ def test_an_omission_that_cannot_be_simulated_in_other_motions_is_left_out(
     assert omissions == [True, False]
     assert solution.omission == ()
     assert not solution.finding.decision.effects
+
+
+# Both values of the model are off by about ten of these deviations.
+TOO_SURE = replace(nuisance_space(), std=np.array([0.0005, 0.005]))
+OFF = np.log([60.3 / 60.0, 0.84 / 0.8]) / TOO_SURE.std
+
+
+def prior_of(solution):
+    return solution.finding.search.nothing.fitted.coordinates.space.joint
+
+
+@pytest.fixture(scope="module")
+def exact_reference():
+    return record(SHAKEN, lambda _: 0.0, repeats=2, seed=1)
+
+
+def test_a_reference_is_fitted_beyond_the_bounds_of_credible_values(exact_reference):
+    fit = fit_reference(make_pair(exact_reference, exact_reference, TOO_SURE), lambda *_: None)
+    # The prior draws them back a little.
+    assert fit.fitted.x == pytest.approx(OFF, abs=1.0)
+    assert fit.mean == pytest.approx(fit.fitted.x, abs=0.1)
+
+
+@pytest.mark.parametrize(("shaken", "is_wider"), [(SHAKEN, False), (OTHERS, True)])
+def test_values_that_contradict_known_to_are_less_sure_in_other_motions(
+    exact_reference, shaken, is_wider
+):
+    new = record(shaken, lambda _: 0.0, seed=2)
+    solution = decided(new, exact_reference, space=TOO_SURE)
+    contradiction = np.sqrt(np.mean(OFF**2))
+    assert solution.fit.contradiction == pytest.approx(contradiction, rel=0.05)
+    widening = prior_of(solution).std / np.sqrt(np.diag(solution.fit.covariance))
+    assert widening == pytest.approx(solution.fit.contradiction if is_wider else 1.0)
+    assert solution.finding.decision.grade == "nothing missing"
+
+
+def test_values_near_the_stated_ones_are_as_sure_in_other_motions(exact_reference):
+    solution = decided(record(OTHERS, lambda _: 0.0, seed=2), exact_reference)
+    assert solution.fit.contradiction == 1.0
+    assert prior_of(solution).std == pytest.approx(np.sqrt(np.diag(solution.fit.covariance)))
+
+
+def test_only_stated_values_can_contradict_known_to(rubbing_reference):
+    solution = decided(record(OTHERS, rub, seed=2), rubbing_reference, space=TOO_SURE)
+    assert solution.omission == ("coulomb",)
+    assert len(solution.fit.mean) == len(OFF) + 1
+    stated = solution.fit.mean[: len(OFF)]
+    assert solution.fit.contradiction == pytest.approx(np.sqrt(np.mean(stated**2)))
