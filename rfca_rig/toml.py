@@ -299,13 +299,21 @@ def place_of(path: Path, key: Key) -> str:
     return _place(path, line_of(read_text(path), key))
 
 
-def read_text(
-    path: Path, most_bytes: int = MOST_BYTES, way_out: str = "give a smaller file"
-) -> str:
+def read_text(path: Path) -> str:
     """Read the file as UTF-8 text without a byte-order mark.
 
-    Raises BadInput where there is no such file or text, for devices and pipes, which may never end,
-    and for more than `most_bytes`.
+    Raises BadInput as `read_bytes` does, and where it is no such text.
+    """
+    return decode_text(path, read_bytes(path))
+
+
+def read_bytes(
+    path: Path, most_bytes: int = MOST_BYTES, way_out: str = "give a smaller file"
+) -> bytes:
+    """Read the file.
+
+    Raises BadInput where there is none, for devices and pipes, which may never end, and for more
+    than `most_bytes`.
     """
     try:
         status = path.stat()
@@ -316,9 +324,13 @@ def read_text(
                 f"{path}: has {status.st_size / 1e6:.0f} MB, where {most_bytes / 1e6:.0f} "
                 f"MB are the most; {way_out}"
             )
-        content = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise BadInput(f"{path}: cannot be read: {error.strerror}") from None
+
+
+def decode_text(path: Path, content: bytes) -> str:
+    """The content of a file as UTF-8 text without a byte-order mark. Raises BadInput."""
     try:
         # Editors on Windows write a byte-order mark, which TOML and CSV do not know.
         return content.decode("utf-8-sig")

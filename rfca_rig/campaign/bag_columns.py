@@ -32,7 +32,7 @@ from rfca_rig.campaign.recorded_columns import (
     RecordedColumns,
     finite_or_none,
 )
-from rfca_rig.campaign.table import FEWEST_SAMPLES
+from rfca_rig.campaign.table import FEWEST_SAMPLES, MANY_SAME, describe_step_back
 from rfca_rig.errors import BadInput
 from rfca_rig.suggestions import suggestion
 
@@ -54,10 +54,13 @@ class _Column:
 
 @dataclass(frozen=True)
 class _Series:
-    """Times (k,) from the first sample of the time base, and values (k,)."""
+    """Times (k,) from the first sample of the time base, and values (k,); `repeated` says which
+    stamps were left out.
+    """
 
     t_s: Floats
     values: Floats
+    repeated: str = ""
 
 
 def read_bag_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
@@ -84,7 +87,8 @@ def read_bag_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
         )
     t_s = base.t_s[covered]
     values = {name: np.interp(t_s, column.t_s, column.values) for name, column in series.items()}
-    return RecordedColumns(path, t_s, values)
+    notes = dict.fromkeys(column.repeated for column in series.values() if column.repeated)
+    return RecordedColumns(path, t_s, values, notes=tuple(notes))
 
 
 def list_bag_columns(path: Path) -> ColumnList:
@@ -195,13 +199,37 @@ def _read_series(bag: Bag, columns: list[_Column], request: ColumnRequest) -> di
                 f"{bag.path}: column {column.name}: no message names it; "
                 f"{_suggest_name(bag, column)}"
             )
-        _check_times(bag.path, column.name, np.array(times_ns[column.name]), request)
-    # Subtracted as integers: a float of seconds since 1970 resolves only 0.2 us.
     zero_ns = times_ns[columns[0].name][0]
-    return {
-        name: _Series((np.array(times_ns[name]) - zero_ns) / NS_PER_S, np.array(values[name]))
-        for name in values
-    }
+    series = {}
+    for column in columns:
+        of_column = np.array(values[column.name])
+        series[column.name] = _make_series(
+            bag.path, column, np.array(times_ns[column.name]), of_column, zero_ns, request
+        )
+    return series
+
+
+def _make_series(
+    path: Path,
+    column: _Column,
+    times_ns: NDArray[np.int64],
+    values: Floats,
+    zero_ns: int,
+    request: ColumnRequest,
+) -> _Series:
+    """A column's times (k,) and values (k,), without messages that repeat a stamp, as those of a
+    node that republishes do. Raises BadInput as `_check_times`.
+    """
+    is_new = np.append(True, np.diff(times_ns) != 0)
+    repeats = len(times_ns) - int(is_new.sum())
+    note = ""
+    if 0 < repeats < MANY_SAME * len(times_ns):
+        note = f"topic {column.topic}: {repeats} messages repeat a stamp and are left out"
+        times_ns = times_ns[is_new]
+        values = values[is_new]
+    _check_times(path, column.name, times_ns, request)
+    # Subtracted as integers: a float of seconds since 1970 resolves only 0.2 us.
+    return _Series((times_ns - zero_ns) / NS_PER_S, values, note)
 
 
 def _append(
@@ -246,9 +274,11 @@ def _check_times(
             other = HEADER_STAMP
         else:
             other = LOG_TIME
+        # From the first one, since a float of seconds since 1970 resolves only 0.2 us.
+        since_first_s = (times_ns - times_ns[0]) / NS_PER_S
         raise BadInput(
-            f"{path}: column {name}, sample {row + 1}: time does not run forwards: it "
-            f"comes {-steps_s[row - 1]:g} s before sample {row}; "
+            f"{path}: column {name}, sample {row + 1}: time does not run forwards: "
+            f"{describe_step_back(since_first_s, row)}; "
             f'are the times of [time] column = "{other}" better?'
         )
     if steps_s.size and np.median(steps_s) > request.longest_gap_s:

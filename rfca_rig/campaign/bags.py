@@ -30,6 +30,9 @@ from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_
 from rfca_rig.errors import BadInput
 from rfca_rig.suggestions import suggestion
 
+# At both ends of a whole MCAP file (mcap.dev, file format).
+MCAP0_MAGIC = b"\x89MCAP0\r\n"
+
 # Characters of a library's message: some quote a whole definition.
 LONGEST_QUOTE = 200
 
@@ -121,12 +124,25 @@ def _refuse_damage(path: Path) -> Iterator[None]:
     except BadInput:
         raise
     except Exception as error:
-        if path.suffix.lower() == ".mcap":
-            repair = "`mcap recover`"
-        else:
-            repair = "`ros2 bag reindex`"
-        cut_off = f"was the recording cut off? {repair} saves what it can"
-        raise BadInput(f"{path}: cannot be read as a bag: {_shorten(error)}; {cut_off}") from None
+        # A whole MCAP file has checksums, so that such a message was recorded so. The pages of a
+        # damaged database may be those of another table.
+        is_whole = isinstance(error, _UndecodableMessage) and path.suffix.lower() == ".mcap"
+        advice = "" if is_whole else _advise_repair(path)
+        raise BadInput(f"{path}: cannot be read as a bag: {_shorten(error)}{advice}") from None
+
+
+class _UndecodableMessage(Exception):
+    """A message that does not fit its definition."""
+
+
+def _advise_repair(path: Path) -> str:
+    """The repair of a bag that was cut off, where it was; "" elsewhere."""
+    if path.suffix.lower() != ".mcap":
+        return "; was the recording cut off? `ros2 bag reindex` saves what it can"
+    content = path.read_bytes()[-len(MCAP0_MAGIC) :]
+    if content == MCAP0_MAGIC:
+        return "; the file has its end, and bytes within it are wrong: copy it again"
+    return "; the end of the file is missing: `mcap recover` saves what it can"
 
 
 def _shorten(error: Exception) -> str:
@@ -180,7 +196,8 @@ def _open_mcap(path: Path) -> Iterator[Bag]:
 
 
 def _definition(schema: Schema | None) -> MessageDefinition:
-    if schema is None or schema.encoding not in _FORMATS:
+    if schema is None or schema.encoding not in _FORMATS or not schema.data.strip():
+        # A recorder that did not find the definition leaves it empty.
         return _NO_DEFINITION
     return MessageDefinition(_FORMATS[schema.encoding], schema.data.decode())
 
@@ -267,7 +284,17 @@ def _make_decoder(type_name: str, encoding: str, definition: MessageDefinition) 
             f"the bag does not define {type_name}; record it with mcap storage, which "
             "keeps definitions"
         )
-    return lambda data: store.deserialize_cdr(data, type_name)
+
+    def decode(data: bytes) -> Any:
+        try:
+            return store.deserialize_cdr(data, type_name)
+        # The bytes of another type may raise anything.
+        except Exception as error:
+            raise _UndecodableMessage(
+                f"a message does not fit the definition of {type_name}: {_shorten(error)}"
+            ) from None
+
+    return decode
 
 
 class JointNotNamed(LookupError):

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.campaign.column_faults import find_glitches
+from rfca_rig.campaign.file_kinds import read_beginning, refuse_foreign
 from rfca_rig.campaign.free_bodies import convert_poses, list_free_columns, list_free_signals
 from rfca_rig.campaign.layout import (
     ANGLE_SPEED_UNITS,
@@ -32,9 +33,10 @@ from rfca_rig.campaign.layout import (
     ExperimentFile,
     SignalSection,
 )
-from rfca_rig.campaign.recorded_columns import ColumnRequest
+from rfca_rig.campaign.recorded_columns import ColumnRequest, RecordedColumns
 from rfca_rig.campaign.recorded_files import find_recordings, list_columns, list_files, read_columns
 from rfca_rig.campaign.table import select_samples
+from rfca_rig.campaign.units import are_different
 from rfca_rig.description.sections import AboutSection
 from rfca_rig.errors import BadInput
 from rfca_rig.escaping import toml_comment
@@ -93,13 +95,30 @@ class Glitch:
 
 
 @dataclass(frozen=True)
+class UnitConflict:
+    """A column whose file states another unit than experiment.toml does."""
+
+    column: str
+    in_file: str
+    stated: str
+
+    @property
+    def words(self) -> str:
+        """What to do about it."""
+        return (
+            f"the file states the unit {self.in_file}, experiment.toml {self.stated}; correct one"
+        )
+
+
+@dataclass(frozen=True)
 class MechanismRun:
     """One recording: times `t_s` (m,) from its beginning, `signals` (m, s) and `commands` (m, u),
     all zero where it was not driven.
 
     `prescribed` (m, p) are the positions of the prescribed joints. Samples with one of the
     `glitches` are not among the rows. `noise_factors` (m, s) are the noise of each sample over the
-    least one of its signal; None where that is constant.
+    least one of its signal; None where that is constant. `notes` say what was read otherwise than
+    it stands in the file.
     """
 
     label: str
@@ -111,6 +130,8 @@ class MechanismRun:
     prescribed: Floats
     glitches: tuple[Glitch, ...] = ()
     noise_factors: Floats | None = None
+    notes: tuple[str, ...] = ()
+    conflicts: tuple[UnitConflict, ...] = ()
 
     def take(self, rows: NDArray[np.bool_]) -> "MechanismRun":
         """The recording without the other samples; `rows` (m,)."""
@@ -375,7 +396,25 @@ def _read_run(folder: Path, described: ExperimentFile, index: int) -> MechanismR
         commanded[inside],
         bool(commands),
         prescribed[inside],
+        notes=recording.notes,
+        conflicts=_find_unit_conflicts(described, recording),
     )
+
+
+def _find_unit_conflicts(
+    described: ExperimentFile, recording: RecordedColumns
+) -> tuple[UnitConflict, ...]:
+    """The columns whose unit the file states otherwise."""
+    stated = {described.time.column: described.time.unit}
+    stated |= {signal.column: signal.unit for signal in described.signals}
+    stated |= {command.column: command.unit for command in described.commands}
+    stated |= {joint.column: joint.unit for joint in described.prescribed}
+    conflicts = []
+    for column, unit in stated.items():
+        in_file = recording.units.get(column, "")
+        if in_file and column in recording.values and are_different(in_file, unit):
+            conflicts.append(UnitConflict(column, in_file, unit))
+    return tuple(conflicts)
 
 
 def _leave_out_glitches(run: MechanismRun, signals: Sequence[SignalSection]) -> MechanismRun:
@@ -410,9 +449,12 @@ def write_draft(mechanism: Mechanism, folder: Path, allow_outside: bool = False)
     if path.exists():
         raise BadInput(f"{path}: is there already; remove it, or edit it")
     if not recordings:
+        for file in sorted(folder.rglob("*")):
+            if file.is_file():
+                refuse_foreign(file, read_beginning(file))
         raise BadInput(
-            f"{folder}: holds no recording (.csv, .h5, .hdf5, .mcap, or a ROS 2 bag); "
-            "--data names the folder of the recordings"
+            f"{folder}: holds no recording (.csv, .tsv, .lvm, .h5, .hdf5, .mat, .mcap, or a ROS 2 "
+            "bag); --data names the folder of the recordings"
         )
     if not allow_outside:
         refuse_outside(

@@ -66,9 +66,24 @@ class StaticRun(_Run):
 Run = Annotated[DynamicRun | StaticRun, Field(discriminator="experiment")]
 
 
+class ColumnSection(Section):
+    """[columns.NAME]: which column of the files holds the quantity of that name, where the files
+    call it otherwise or have it in another unit: value = sign * number in its unit + offset.
+    """
+
+    name: Text = Field(description="of the column in the files")
+    unit: Text | None = Field(
+        default=None, description="of the column, as kN, deg or ms; that of the quantity if absent"
+    )
+    sign: Literal[1, -1] = Field(
+        default=1, description="-1 where the column counts in the opposite direction"
+    )
+    offset: float = Field(default=0.0, description="is added, in the quantity's unit")
+
+
 class CampaignFile(Section):
-    """campaign.toml: the nominal model before the campaign, the uncertainties of its values, and
-    the runs.
+    """campaign.toml: the nominal model before the campaign, the uncertainties of its values, the
+    runs, and which columns their files have.
     """
 
     format: Literal["rfca-campaign/1"]
@@ -79,6 +94,7 @@ class CampaignFile(Section):
     sensor: SensorSection
     drive: DriveSection
     known_to: KnownToSection = KnownToSection()
+    columns: dict[str, ColumnSection] = Field(default_factory=dict)
     runs: Annotated[tuple[Run, ...], Field(strict=False, min_length=1)]
 
     def dynamic(self) -> Iterator[tuple[int, DynamicRun]]:

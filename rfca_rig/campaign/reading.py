@@ -5,15 +5,16 @@ import json
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.layout import CAMPAIGN_FORMAT, CampaignFile, DynamicRun
+from rfca_rig.campaign.layout import CAMPAIGN_FORMAT, CampaignFile, ColumnSection, DynamicRun
 from rfca_rig.campaign.table import CsvTable, number, numbers, read_table, rows
+from rfca_rig.campaign.units import are_different, find_factor
 from rfca_rig.description.model_file import read_named_curve
 from rfca_rig.description.sections import RigSections
 from rfca_rig.errors import BadInput
@@ -21,6 +22,7 @@ from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progr
 from rfca_rig.recording.layout import CAMPAIGN, HINGES, SHAFT, UNITS, WRENCH, sha256_of
 from rfca_rig.recording.model import Column, Direction, Recording, StaticStage, Stream, Stroke
 from rfca_rig.recording.outside import refuse_outside
+from rfca_rig.suggestions import suggestion
 from rfca_rig.toml import place_of, read_text, read_toml
 
 DYNAMIC = ("t_s", *SHAFT, *WRENCH)
@@ -119,18 +121,7 @@ def _nameless(names: Sequence[str]) -> str | None:
     for column, name in enumerate(names, start=1):
         if not name.isprintable() or not name:
             return f"column {column} has no readable name ({name!r}); name every column or drop it"
-    # A file without a header would otherwise lose its first sample.
-    if all(_is_number(name) for name in names):
-        return "the first line holds numbers; it must name the columns"
     return None
-
-
-def _is_number(name: str) -> bool:
-    try:
-        float(name)
-    except ValueError:
-        return False
-    return True
 
 
 def _twice(names: Sequence[str]) -> str | None:
@@ -162,11 +153,11 @@ def _find_misnamed(names: Sequence[str], known: Sequence[str]) -> str | None:
         if unit:
             return (
                 f"column {name}: this quantity is known in {UNITS.get(right, 'mm')}, as "
-                f"{right}; convert it and rename the column"
+                f"{right}; convert it and rename the column, or state it in [columns.{right}]"
             )
         return (
             f"column {name}: its name says no unit; write {right} if that is its unit, else "
-            "convert it first"
+            f"state it in [columns.{right}]"
         )
     return None
 
@@ -185,15 +176,106 @@ def _quantity(name: str) -> tuple[str, str]:
     return "_".join(words), ""
 
 
+@dataclass(frozen=True)
+class ColumnMap:
+    """How the files of a campaign call the known quantities, and in which units they have them.
+
+    Parameters
+    ----------
+    names
+        The known name of each column that the files call otherwise.
+    factors, offsets
+        Of each known name: what its numbers are multiplied by, and what is added.
+    """
+
+    names: Mapping[str, str] = field(default_factory=dict)
+    factors: Mapping[str, float] = field(default_factory=dict)
+    offsets: Mapping[str, float] = field(default_factory=dict)
+
+    def apply(self, table: CsvTable, quantities: Sequence[str]) -> "tuple[CsvTable, ColumnMap]":
+        """The table with the known names, and the part of the map that it needed; `quantities` are
+        those that such a table may have.
+
+        Raises BadInput where a column is missing, or the file states a unit that contradicts the
+        map.
+        """
+        used = {}
+        for in_file, known in self.names.items():
+            if in_file in table.names:
+                used[in_file] = known
+            elif known in quantities and known not in table.names:
+                raise BadInput(
+                    f"{table.path}:{table.dialect.names + 1}: column {in_file}, which "
+                    f"[columns.{known}] names, is missing; the file has {', '.join(table.names)}"
+                )
+        for name, unit in table.units.items():
+            known = used.get(name, name)
+            expected = unit_of(known)
+            is_stated = name in used and known in self.factors
+            if expected and not is_stated and are_different(unit, expected):
+                raise BadInput(
+                    f"{table.path}: column {name}: the file states the unit {unit}, and {known} "
+                    f'is in {expected}; write unit = "{unit}" in [columns.{known}] of {CAMPAIGN}'
+                )
+        names = tuple(used.get(name, name) for name in table.names)
+        factors = {known: self.factors[known] for known in used.values() if known in self.factors}
+        return replace(table, names=names), replace(self, names=used, factors=factors)
+
+    def convert(self, name: str, values: Floats) -> Floats:
+        """Values (m,) of a known quantity from its numbers in the file."""
+        if name not in self.factors:
+            return values
+        return self.factors[name] * values + self.offsets[name]
+
+
+def make_column_map(path: Path, columns: Mapping[str, ColumnSection]) -> ColumnMap:
+    """The map that [columns] of the campaign at `path` states. Raises BadInput for an unknown
+    quantity, or a unit that is none of it.
+    """
+    names: dict[str, str] = {}
+    factors = {}
+    offsets = {}
+    for known, column in columns.items():
+        where = place_of(path, ("columns", known))
+        if known not in (*DYNAMIC, *STATIC):
+            quantities = sorted({*DYNAMIC, *STATIC})
+            raise BadInput(f"{where}: columns.{known}: {suggestion(known, quantities)}")
+        if column.name in names:
+            raise BadInput(
+                f"{where}: columns.{known}: column {column.name} is already that of "
+                f"{names[column.name]}"
+            )
+        names[column.name] = known
+        unit = unit_of(known)
+        factor: float | None = 1.0
+        if column.unit is not None:
+            factor = find_factor(column.unit, unit)
+        if factor is None:
+            raise BadInput(
+                f"{where}: columns.{known}.unit: {column.unit!r} cannot be converted to {unit}"
+            )
+        if column.unit is not None or column.sign < 0 or column.offset:
+            factors[known] = column.sign * factor
+            offsets[known] = column.offset
+    return ColumnMap(names, factors, offsets)
+
+
+NO_MAP = ColumnMap()
+
+
 def read_stages(
-    path: Path, strokes_before: int | None = None, held_s: float | None = None
+    path: Path,
+    strokes_before: int | None = None,
+    held_s: float | None = None,
+    column_map: ColumnMap = NO_MAP,
 ) -> tuple[tuple[StaticStage, ...], Extra]:
     """Read the stages in the file, in its order, and its extra columns as text by name.
 
-    `strokes_before` and `held_s` apply to all stages. Hinge columns may be absent; their angles are
-    then NaN. Raises BadInput, naming file, line and column, for the first fault.
+    `strokes_before` and `held_s` apply to all stages, `column_map` to all columns. Hinge columns
+    may be absent; their angles are then NaN. Raises BadInput, naming file, line and column, for the
+    first fault.
     """
-    table = read_table(path)
+    table, column_map = column_map.apply(read_table(path), STATIC)
     if fault := find_name_fault(table.names, known=STATIC, needed=STATIC_NEEDED):
         raise BadInput(f"{table.path}:1: {fault}")
     lines = [dict(zip(table.names, cells, strict=True)) for cells in rows(table)]
@@ -202,18 +284,20 @@ def read_stages(
         if name not in STATIC:
             extra[name] = [cells[name] for cells in lines]
     stages = tuple(
-        replace(_stage(table, row, cells), strokes_before=strokes_before, held_s=held_s)
+        replace(_stage(table, row, cells, column_map), strokes_before=strokes_before, held_s=held_s)
         for row, cells in enumerate(lines)
     )
     return stages, extra
 
 
-def _stage(table: CsvTable, row: int, cells: Mapping[str, str]) -> StaticStage:
-    value = {
-        name: number(table, row, name, cells[name])
-        for name in STATIC
-        if name in cells and name != "direction"
-    }
+def _stage(
+    table: CsvTable, row: int, cells: Mapping[str, str], column_map: ColumnMap
+) -> StaticStage:
+    value = {}
+    for name in STATIC:
+        if name in cells and name != "direction":
+            as_it_stands = np.array([number(table, row, name, cells[name])])
+            value[name] = float(column_map.convert(name, as_it_stands)[0])
     cell = cells["direction"]
     if cell not in DIRECTIONS:
         raise table.fault(row, f"column direction: {cell!r} should be loading or unloading")
@@ -241,15 +325,18 @@ def _whole(table: CsvTable, row: int, name: str, value: float) -> int:
     return int(value)
 
 
-def read_stroke(path: Path, run: DynamicRun) -> Stroke:
-    """Read the stroke in the file, with all its columns in one stream "table".
+def read_stroke(path: Path, run: DynamicRun, column_map: ColumnMap = NO_MAP) -> Stroke:
+    """Read the stroke in the file, with all its columns in one stream "table", by the names and in
+    the units of `column_map`.
 
     A channel may be absent, and extra columns are kept. Raises BadInput, naming file, line and
     column, for the first fault.
     """
-    table = read_table(path)
+    table, column_map = column_map.apply(read_table(path), DYNAMIC)
     _check_names(table)
     values = numbers(table)
+    for index, name in enumerate(table.names):
+        values[:, index] = column_map.convert(name, values[:, index])
     time = table.names.index("t_s")
     _check_time(table, values[:, time])
     columns = {
@@ -360,8 +447,9 @@ def read_campaign(
 def _strokes(
     folder: Path, campaign: CampaignFile, report_progress: ProgressCount
 ) -> tuple[Stroke, ...]:
+    column_map = make_column_map(folder / CAMPAIGN, campaign.columns)
     return tuple(
-        read_stroke(folder / run.file, run)
+        read_stroke(folder / run.file, run, column_map)
         for _, run in iterate_with_progress(list(campaign.dynamic()), report_progress)
     )
 
@@ -369,8 +457,9 @@ def _strokes(
 def _stages(
     folder: Path, campaign: CampaignFile
 ) -> tuple[tuple[StaticStage, ...], dict[str, Extra]]:
+    column_map = make_column_map(folder / CAMPAIGN, campaign.columns)
     tables = {
-        run.file: read_stages(folder / run.file, run.strokes_before, run.held_s)
+        run.file: read_stages(folder / run.file, run.strokes_before, run.held_s, column_map)
         for _, run in campaign.static()
     }
     stages = tuple(stage for file_stages, _ in tables.values() for stage in file_stages)

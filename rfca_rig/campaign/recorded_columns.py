@@ -1,7 +1,7 @@
 """Columns of one recording on one time base, for any kind of file."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -56,12 +56,18 @@ class RecordedColumns:
         (m,) finite numbers by the column's name, in the column's unit.
     first_line
         The line of the first sample in a text file, None for other files.
+    units
+        The unit that the file itself states, by the column's name.
+    notes
+        What was read otherwise than it stands there, a sentence each.
     """
 
     path: Path
     t_s: Floats
     values: Mapping[str, Floats]
     first_line: int | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def fault(self, row: int, problem: str) -> BadInput:
         """The error for sample `row`, from 0."""

@@ -88,6 +88,7 @@ PLAIN_ELEMENTS = frozenset(
         ),
     )
 )
+_UNOPENED = re.compile(r"Error opening file '(.*)'")
 # In SI. The largest of a mechanism is the stiffness of a contact, up to 1e10 N/m; MuJoCo takes a
 # state above 1e10 for a divergence.
 MOST_VALUE = 1e12
@@ -137,6 +138,11 @@ class Mechanism:
         The model as text where `path` is a file of another format, from which it was made.
     frames
         Of the free joints, which six joints stand in for.
+    couplings
+        By the name of a joint that the file ties to another one: what that means for its column, in
+        words.
+    dropped
+        Parts of the file that the model does not have, in words.
     """
 
     path: Path
@@ -155,6 +161,8 @@ class Mechanism:
     contacts: tuple[SphereOnPlane, ...] = ()
     mjcf: str = ""
     frames: tuple[FreeFrame, ...] = ()
+    couplings: Mapping[str, str] = field(default_factory=dict)
+    dropped: tuple[str, ...] = ()
     _spare_data: deque[Any] = field(default_factory=deque, repr=False)
 
     @contextmanager
@@ -327,7 +335,7 @@ def _compile(path: Path, mjcf: str = "", frames: tuple[FreeFrame, ...] = ()) -> 
     import mujoco  # noqa: PLC0415  (optional)
 
     try:
-        spec = read_spec(path, mjcf)
+        spec, dropped = read_spec(path, mjcf)
         expand_free_joints(spec, frames, str(path))
         spec.memory = ARENA_BYTES
         # MuJoCo takes a shortcut for a body whose centre of mass is at its frame, and then refuses
@@ -375,7 +383,32 @@ def _compile(path: Path, mjcf: str = "", frames: tuple[FreeFrame, ...] = ()) -> 
         is_implicit=model.opt.integrator
         in (mujoco.mjtIntegrator.mjINT_IMPLICIT, mujoco.mjtIntegrator.mjINT_IMPLICITFAST),
         frames=frames,
+        couplings=_list_couplings(model),
+        dropped=dropped,
     )
+
+
+def _list_couplings(model: Any) -> dict[str, str]:
+    """Of each joint that an equality ties to another one, as MuJoCo makes of a URDF's mimic: how to
+    state its column.
+    """
+    import mujoco  # noqa: PLC0415  (optional)
+
+    couplings = {}
+    for number in range(model.neq):
+        tied = int(model.eq_obj1id[number])
+        leading = int(model.eq_obj2id[number])
+        is_of_joints = model.eq_type[number] == mujoco.mjtEq.mjEQ_JOINT
+        if not is_of_joints or not model.eq_active0[number] or leading < 0:
+            continue
+        name = model.joint(leading).name
+        constant, slope, *higher = (float(value) for value in model.eq_data[number, :5])
+        if constant == 0.0 and abs(slope) == 1.0 and not any(higher):
+            state = f"state the column of joint {name!r} for it, with sign = {slope:.0f}"
+        else:
+            state = f"compute its column from that of joint {name!r}, and state it"
+        couplings[model.joint(tied).name] = f"an equality ties it to joint {name!r}: {state}"
+    return couplings
 
 
 def _check_values(path: Path, model: Any) -> None:
@@ -418,13 +451,19 @@ def _float_arrays(prefix: str, structure: Any) -> Iterator[tuple[str, Floats]]:
             yield f"{prefix}{name}", np.ravel(value)
 
 
-def read_spec(path: Path, mjcf: str = "") -> Any:
-    """Reads the file, or the text in MJCF if there is any, as MuJoCo's specification, not yet
-    compiled.
+def read_spec(path: Path, mjcf: str = "") -> tuple[Any, tuple[str, ...]]:
+    """Reads the file, or the text in MJCF if there is any.
 
     URDF has no actuators: every joint gets a motor of its name, whose command is its torque or
-    force. Visual meshes that are missing are omitted: nothing depends on them where a body has its
+    force. Visual meshes that are missing are dropped: nothing depends on them where a body has its
     mass from an inertial.
+
+    Returns
+    -------
+    spec
+        MuJoCo's specification, ready to be compiled.
+    dropped
+        What was dropped, in words.
 
     Raises
     ------
@@ -436,29 +475,10 @@ def read_spec(path: Path, mjcf: str = "") -> Any:
     import mujoco  # noqa: PLC0415  (optional)
 
     if mjcf:
-        return mujoco.MjSpec.from_string(mjcf)
-    # MuJoCo refuses to compile a model whose meshes are missing, even where nothing depends on
-    # them.
-    spec = mujoco.MjSpec.from_file(str(path))
-    missing = {
-        mesh.name: mesh.file
-        for mesh in spec.meshes
-        if mesh.file and not (path.parent / spec.meshdir / mesh.file).is_file()
-    }
-    for geom in [geom for geom in spec.geoms if geom.meshname in missing]:
-        if geom.contype or geom.conaffinity or not geom.parent.explicitinertial:
-            if geom.contype or geom.conaffinity:
-                use = "contacts depend"
-            else:
-                use = "the mass depends"
-            raise BadInput(
-                f"{path}: mesh {missing[geom.meshname]} of body {geom.parent.name!r} is "
-                f"not there, and {use} on it; "
-                f"put it there, or remove that geometry from the model"
-            )
-        spec.delete(geom)
-    for mesh in [mesh for mesh in spec.meshes if mesh.name in missing]:
-        spec.delete(mesh)
+        return mujoco.MjSpec.from_string(mjcf), ()
+    # MuJoCo composes the paths of included and attached parts from that of the model.
+    spec = mujoco.MjSpec.from_file(str(path.resolve()))
+    dropped = _drop_missing_meshes(path, spec)
     if path.suffix.lower() == ".urdf":
         for joint in spec.joints:
             if joint.name and joint.type in (
@@ -468,7 +488,52 @@ def read_spec(path: Path, mjcf: str = "") -> Any:
                 spec.add_actuator(
                     name=joint.name, target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT
                 )
-    return spec
+    return spec, dropped
+
+
+def _drop_missing_meshes(path: Path, spec: Any) -> tuple[str, ...]:
+    """Drops the visual meshes that MuJoCo does not find, and says which. Only MuJoCo knows where it
+    looks: included and attached parts have folders of their own.
+    """
+    dropped = []
+    for _ in range(len(spec.meshes)):
+        try:
+            spec.compile()
+        except ValueError as error:
+            unopened = _UNOPENED.search(str(error))
+            # Any other fault is put into words by the caller, which compiles the model again.
+            if unopened is None:
+                break
+            missing = [mesh for mesh in spec.meshes if _is_of(mesh, unopened[1])]
+            if not missing:
+                break
+            _drop_mesh(path, spec, missing[0])
+            dropped.append(f"the visual mesh {missing[0].file}, which is not there")
+        else:
+            break
+    return tuple(dropped)
+
+
+def _is_of(mesh: Any, file: str) -> bool:
+    """Whether a mesh is read from this file, which is named with its folder."""
+    return bool(mesh.file) and Path(mesh.file).name == Path(file).name
+
+
+def _drop_mesh(path: Path, spec: Any, mesh: Any) -> None:
+    """Drops a mesh and its geometry. Raises BadInput where contacts or masses depend on it."""
+    for geom in [geom for geom in spec.geoms if geom.meshname == mesh.name]:
+        use = ""
+        if geom.contype or geom.conaffinity:
+            use = "contacts depend"
+        elif not geom.parent.explicitinertial:
+            use = "the mass depends"
+        if use:
+            raise BadInput(
+                f"{path}: mesh {mesh.file} of body {geom.parent.name!r} is not there, and {use} on "
+                "it; put it there, or remove that geometry from the model"
+            )
+        spec.delete(geom)
+    spec.delete(mesh)
 
 
 def _refuse_unusable_names(path: Path, spec: Any) -> None:

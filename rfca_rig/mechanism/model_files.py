@@ -41,7 +41,7 @@ def write_amended_model(plant: Plant, path: Path) -> tuple[str, ...]:
     tuple of str
         Laws that MJCF cannot express, in words.
     """
-    spec = read_spec(plant.mechanism.path, plant.mechanism.mjcf)
+    spec, _ = read_spec(plant.mechanism.path, plant.mechanism.mjcf)
     expand_free_joints(spec, plant.mechanism.frames, str(plant.mechanism.path))
     model = plant.model
     # Compiling gives every geom its index.
@@ -77,6 +77,7 @@ def _amend_joints(spec: Any, plant: Plant) -> None:
         # original one.
         heavy = index in plant.mechanism.prescribed
         joint.frictionloss = plant.friction[index]
+        joint.actfrclimited = model.jnt_actfrclimited[index]
         joint.armature = (original if heavy else model).dof_armature[index]
         joint.damping = [model.dof_damping[index], *model.dof_dampingpoly[index]]
         # A stop that was found. MJCF states angles in the unit of its compiler, the compiled model
@@ -108,6 +109,9 @@ def _amend_actuators(spec: Any, plant: Plant) -> None:
     model = plant.model
     for index, actuator in enumerate(spec.actuators):
         gain = plant.command_gain[index]
+        # The recordings may have contradicted a limit of the file.
+        actuator.ctrllimited = model.actuator_ctrllimited[index]
+        actuator.forcelimited = model.actuator_forcelimited[index]
         # Of a muscle other parameters than the gain stand beside it.
         if int(model.actuator_gaintype[index]) in (
             mujoco.mjtGain.mjGAIN_FIXED,

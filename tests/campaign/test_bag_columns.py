@@ -268,7 +268,7 @@ def test_time_that_runs_backwards_is_one_line(bag):
     said = refusal(bag(topics(joint_states=wrong)))
     assert (
         "column /joint_states:position[elbow], sample 8: time does not run forwards: it "
-        "comes 0.04 s before sample 7"
+        "is 0.04 s before the sample above"
     ) in said
     assert '[time] column = "log time"' in said
 

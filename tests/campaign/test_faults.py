@@ -126,14 +126,6 @@ HEADERS: dict[str, tuple[Change, str]] = {
         lambda text: "".join(row.split(",")[0] + "\n" for row in text.split("\n")),
         f"{DYNAMIC}:1: only t_s, and nothing",
     ),
-    "semicolons": (
-        lambda text: text.replace(",", ";").replace(".", ","),
-        f"{DYNAMIC}:1: columns are separated by ';'; export it again",
-    ),
-    "tabs": (
-        lambda text: text.replace(",", "\t"),
-        f"{DYNAMIC}:1: columns are separated by tabs; export it again",
-    ),
     "decimal commas": (lambda text: text.replace(".", ","), DECIMALS),
     "no data": (lambda _: HEADER + "\n", f"{DYNAMIC}:1: holds column names and no data"),
     "empty file": (lambda _: "", f"{DYNAMIC}: is empty"),

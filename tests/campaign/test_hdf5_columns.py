@@ -102,7 +102,7 @@ def test_a_recording_with_motors_off_needs_no_commands(folder):
         ),
         (
             {"t": np.where(K == 4, 0, 1000 * K)},
-            "a.h5: sample 5: time does not run forwards: 0 s after 0.003 s",
+            "a.h5: sample 5: time does not run forwards: it is 0.003 s before the sample above",
         ),
     ],
 )

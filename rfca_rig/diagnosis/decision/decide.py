@@ -73,6 +73,7 @@ STATED_GRADES = ("identified", "mostly", "family")
 # sets that are named beside a difference that is visible within the usual model error
 MOST_ALTERNATIVES = 5
 HELD_OUT = "held-out misfit"
+PLAUSIBLE = "plausible values"
 NOT_AS_A_WHOLE = (
     "the set that it belongs to does not remove most of what is missing, or predicts something "
     "worse"
@@ -233,6 +234,14 @@ class Decision:
         if not self.explanation.ids:
             return self.within_usual
         return all(criterion.passed for criterion in self.criteria if criterion.name != PROBABLE)
+
+    @property
+    def fits_poorly(self) -> bool:
+        """Whether the best explanation neither predicts as models usually do nor has plausible
+        values.
+        """
+        failed = {criterion.name for criterion in self.criteria if not criterion.passed}
+        return failed.issuperset((HELD_OUT, PLAUSIBLE))
 
     def list_rivals(self, most: int) -> tuple[Rival, ...]:
         """The first rows of the table of sets, with those of nothing and of the stated set
@@ -551,7 +560,7 @@ def _criteria(
             at_most,
         ),
         Criterion(
-            "plausible values",
+            PLAUSIBLE,
             not strained,
             strained or "all nuisance parameters are near their priors",
             near,

@@ -28,6 +28,7 @@ from rfca_rig.diagnosis.inference.map_fit import without_scatter
 from rfca_rig.diagnosis.inference.parameterization import Parameterization
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import laplace_posterior
 from rfca_rig.diagnosis.mechanisms.column_checks import check_columns
+from rfca_rig.diagnosis.mechanisms.limits import find_limit_conflicts
 from rfca_rig.diagnosis.mechanisms.noise import estimate_noise
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
 from rfca_rig.diagnosis.mechanisms.prepared import (
@@ -77,6 +78,7 @@ CONDITIONS_LOOKED_AT = 4
 HIDDEN_STD = 0.9
 
 BALANCED = 0.3  # imbalance of a joint up to which its sign is right
+UNBALANCED = 0.5  # half of the torques have no counterpart: something in the model is wrong
 
 
 @dataclass(frozen=True)
@@ -473,8 +475,19 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
     """
     experiment = open_experiment(folder, allow_outside)
     described = experiment.described
-    mechanism = assign_roles(experiment, experiment.load_model())
+    loaded = experiment.load_model()
+    mechanism = assign_roles(experiment, loaded)
     yield _describe_model(mechanism)
+    for part in mechanism.dropped:
+        yield CheckLine("model", mechanism.path.name, f"left out: {part}")
+    for conflict in find_limit_conflicts(experiment, loaded):
+        yield CheckLine(
+            conflict.table,
+            conflict.column,
+            conflict.words,
+            is_warning=True,
+            values={"share": conflict.share},
+        )
     yield from _check_windows(experiment, mechanism)
     ratios = compare_speeds(experiment)
     yield from check_signals(described, experiment, ratios)
@@ -489,18 +502,8 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
             "MuJoCo's own contacts"
         )
         yield CheckLine("balance", "all joints", words)
-    yield from (
-        CheckLine(
-            "balance",
-            name,
-            (
-                "inertia, weight and drive of the model balance in the recorded motion to "
-                f"{100.0 * share:.2g} %"
-            ),
-            values={"imbalance": share},
-        )
-        for name, share in shares.items()
-    )
+    for name, share in shares.items():
+        yield _describe_balance(name, share)
     corrections: Sequence[Correction] = ()
     if not experiment.frames:
         corrections = find_corrections(described, mechanism, states, ratios)
@@ -546,6 +549,21 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
     yield _check_conditions(problem, experiment)
 
 
+def _describe_balance(name: str, share: float) -> CheckLine:
+    """How well the torques of a joint balance; a warning where the model is a poor one."""
+    words = (
+        "inertia, weight and drive of the model balance in the recorded motion to "
+        f"{100.0 * share:.{0 if share >= 0.1 else 1}f} %"
+    )
+    is_poor = share > UNBALANCED
+    if is_poor:
+        words += (
+            "; look at the zero and the sign of the joint (ref, axis), at gravcomp, range, springs "
+            "and damping in the model, and at the units of the columns"
+        )
+    return CheckLine("balance", name, words, is_poor, {"imbalance": share})
+
+
 def refuse_misread_columns(experiment: Experiment, mechanism: Mechanism) -> None:
     """Refuse recordings of which a column probably has another sign or unit than stated.
 
@@ -555,6 +573,15 @@ def refuse_misread_columns(experiment: Experiment, mechanism: Mechanism) -> None
         With what to write instead, where the torques of the nominal model balance far better with
         it.
     """
+    for run in experiment.runs:
+        for conflict in run.conflicts:
+            raise BadInput(
+                f"{experiment.path}: column {conflict.column} of {run.label}: {conflict.words}, "
+                "or take it with --as-is"
+            )
+    for limit in find_limit_conflicts(experiment, mechanism):
+        if not limit.is_cut:
+            raise BadInput(f"{experiment.model}: {limit.words}, or take it with --as-is")
     # The file of a pendulum states no signs or units that could be corrected.
     # Nor do the joints of a free body.
     if experiment.mjcf or experiment.frames:
@@ -620,6 +647,10 @@ def _check_windows(experiment: Experiment, mechanism: Mechanism) -> Iterator[Che
             "usable_windows": used,
         }
         yield CheckLine("recording", run.label, words, values=values)
+        for note in run.notes:
+            yield CheckLine("recording", run.label, note)
+        for conflict in run.conflicts:
+            yield CheckLine("signal", conflict.column, conflict.words, is_warning=True)
         if not all_windows:
             message = (
                 f"too short for a window, which needs {shortest_recording_s(experiment):g} s; "

@@ -27,6 +27,7 @@ from rfca_rig.analysis.samples import (
 from rfca_rig.campaign.experiment import Experiment, MechanismRun
 from rfca_rig.diagnosis.config import USUAL_ERROR
 from rfca_rig.diagnosis.data import TRANSIENT_SHARE, group_windows, rms
+from rfca_rig.diagnosis.mechanisms.limits import find_cut_commands, lift_cut_commands
 from rfca_rig.diagnosis.mechanisms.noise import read_noise
 from rfca_rig.diagnosis.mechanisms.nuisances import MechanismInput, space_of_mechanism
 from rfca_rig.diagnosis.mechanisms.windows import (
@@ -538,6 +539,9 @@ def assign_roles(experiment: Experiment, mechanism: Mechanism) -> Mechanism:
     unmeasured = tuple(joint for joint in simulated if joint not in measured)
     if unmeasured and not experiment.starts_at_rest:
         name = mechanism.joints[unmeasured[0]]
+        coupled = mechanism.couplings.get(name)
+        if coupled is not None:
+            raise BadInput(f"{where}: no signal holds the position of joint {name!r}; {coupled}")
         raise BadInput(
             f"{where}: no signal holds the position of joint {name!r}, so its start "
             "cannot be estimated; "
@@ -552,8 +556,9 @@ def assign_roles(experiment: Experiment, mechanism: Mechanism) -> Mechanism:
         )
     _check_alike(experiment, mechanism)
     check_contacts(mechanism.model, experiment.contacts, where)
+    cut = list(find_cut_commands(experiment, mechanism))
     return replace(
-        mechanism,
+        lift_cut_commands(mechanism, cut),
         prescribed=prescribed,
         unmeasured=unmeasured,
         alike=experiment.alike,

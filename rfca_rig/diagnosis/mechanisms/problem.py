@@ -23,6 +23,7 @@ from rfca_rig.diagnosis.mechanisms.check import refuse_misread_columns
 from rfca_rig.diagnosis.mechanisms.column_checks import check_columns
 from rfca_rig.diagnosis.mechanisms.fit import MechanismFit, fit_prepared, select_nuisances
 from rfca_rig.diagnosis.mechanisms.joint_law import measure_joint_law, parse_place
+from rfca_rig.diagnosis.mechanisms.limits import find_limit_conflicts
 from rfca_rig.diagnosis.mechanisms.model_files import (
     describe_effects,
     write_law_table,
@@ -122,6 +123,10 @@ class MechanismSolution(Solution):
         remarks += [
             f"{warning.table} {warning.column}: {warning.words}"
             for warning in check_columns(experiment)
+        ]
+        remarks += [
+            f"{conflict.table} {conflict.column}: {conflict.words}"
+            for conflict in find_limit_conflicts(experiment, experiment.load_model())
         ]
         return replace(
             result,

@@ -319,8 +319,9 @@ class ReferenceProblem(Problem):
         shared: tuple[str, ...] = ()
         if not is_matched and decision.grade in STATED_GRADES:
             shared = find_shared_effects(decision.explanation, compared, fit)
-        if shared:
-            decision = withhold(decision, search)
+            # What the model lacks does not cancel there, and an effect may take its place.
+            if shared or decision.fits_poorly:
+                decision = withhold(decision, search)
         finding = DecidedSearch(effects, search, decision)
         return ReferenceSolution(
             inner=pair.solve(finding),
