@@ -19,7 +19,7 @@ IN_WORDS = {",": "commas", ";": "';'", "\t": "tabs", BLANKS: "blanks"}
 HEADER_LINES = 100
 # lines of numbers whose cells are counted
 COUNTED_LINES = 30
-_REMARK = re.compile(r"\s*[#%]+\s*")
+_REMARK = re.compile(r"^\s*[#%]+\s*")
 
 NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
@@ -64,19 +64,27 @@ def split_line(line: str, separator: str) -> tuple[str, ...]:
     csv.Error.
     """
     if separator == BLANKS:
-        reader = csv.reader([line.strip()], delimiter=" ", skipinitialspace=True)
-    else:
-        reader = csv.reader([line], delimiter=separator, skipinitialspace=True)
-    cells = tuple(cell.strip() for cell in next(reader, ()))
+        line = line.strip()
+    reader = csv.reader([line], delimiter=separator, skipinitialspace=True)
+    cells: list[str] = []
+    for row in reader:
+        cells = [cell.strip() for cell in row]
+    # Loggers end a line with a tab.
     if separator == "\t" and cells and not cells[-1]:
-        # Loggers end a line with a tab.
-        return cells[:-1]
-    return cells
+        cells.pop()
+    return tuple(cells)
 
 
 def uncover_names(line: str) -> str:
     """A line of names without the sign for remarks that some programs write in front of it."""
-    return _REMARK.sub("", line, count=1) if _REMARK.match(line) else line
+    return _REMARK.sub("", line, count=1)
+
+
+def with_point(cell: str, decimal: str) -> str:
+    """A cell with a decimal point, whose file has the sign `decimal` before the decimals."""
+    if decimal == ",":
+        return cell.replace(",", ".")
+    return cell
 
 
 def detect_dialect(lines: Sequence[str]) -> Dialect:

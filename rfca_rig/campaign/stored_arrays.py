@@ -77,7 +77,7 @@ class StoredArray:
         return ""
 
     def read(self) -> NDArray[Any]:
-        """All of it, a vector with one dimension."""
+        """All of it, a vector as (m,), a matrix as (m, k)."""
         return np.asarray(self.data[()]).reshape(self.shape)
 
     def find_scale(self) -> tuple[float, float, str] | None:
@@ -88,13 +88,10 @@ class StoredArray:
             scale = _as_number(self.attributes.get(scale_name))
             offset = _as_number(self.attributes.get(offset_name or ""))
             # An offset alone may be that of anything.
-            has_scale = scale is not None or (offset_name == "add_offset" and offset is not None)
-            if has_scale:
-                return (
-                    1.0 if scale is None else scale,
-                    0.0 if offset is None else offset,
-                    scale_name if scale is not None else "add_offset",
-                )
+            if scale is not None:
+                return scale, offset or 0.0, scale_name
+            if offset is not None and offset_name == "add_offset":
+                return 1.0, offset, offset_name
         return None
 
     def convert(self, counts: NDArray[Any]) -> Floats:
@@ -213,7 +210,9 @@ def _count_columns(array: StoredArray, samples: int | None) -> int:
     """Columns of a vector or a matrix."""
     if len(array.shape) == 1:
         return 1
-    return array.shape[0] if _is_transposed(array, samples) else array.shape[1]
+    if _is_transposed(array, samples):
+        return array.shape[0]
+    return array.shape[1]
 
 
 @contextmanager
@@ -221,7 +220,9 @@ def _open(path: Path, is_matlab: bool) -> Iterator[dict[str, StoredArray]]:
     """The arrays of a file by name. Anything that cannot be read in it, then or later, raises
     BadInput.
     """
-    kind = "MATLAB's" if is_matlab else "HDF5"
+    kind = "HDF5"
+    if is_matlab:
+        kind = "a file of MATLAB"
     try:
         if is_matlab:
             yield _list_matlab(path)
@@ -371,10 +372,12 @@ def _describe(
 ) -> Iterator[str]:
     """What is read otherwise than the numbers stand in the file, a sentence each."""
     scaled = array.find_scale()
-    if scaled is not None:
+    if scaled is not None and scaled[:2] != (1.0, 0.0):
         scale, offset, attribute = scaled
-        shifted = f", plus {offset:g}" if offset else ""
-        yield f"{array.name}: its numbers times {scale:g}{shifted}, by its attribute {attribute}"
+        words = f"{array.name}: its numbers times {scale:g}"
+        if offset:
+            words += f", plus {offset:g}"
+        yield f"{words}, by its attribute {attribute}"
     is_matrix = len(array.shape) == 2 and not array.fields
     if is_matrix and (picked is None or picked) and _is_transposed(array, samples):
         yield f"{array.name}: its columns lie along the rows, as MATLAB writes them"

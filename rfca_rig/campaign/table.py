@@ -25,6 +25,7 @@ from rfca_rig.campaign.dialect import (
     Dialect,
     detect_dialect,
     uncover_names,
+    with_point,
 )
 from rfca_rig.campaign.file_kinds import GZIP, LOOKED_AT, read_gzip, refuse_foreign
 from rfca_rig.campaign.recorded_columns import finite_or_none
@@ -266,7 +267,7 @@ def _parse_column(table: CsvTable, place: int, cells: Sequence[str]) -> Floats |
     has_groups = decimal == "." and any(map(_TWO_GROUPS.fullmatch, cells))
     numbers = np.empty(len(cells))
     for row, cell in enumerate(cells):
-        text = cell.replace(",", ".") if decimal == "," else cell
+        text = with_point(cell, decimal)
         if has_groups and GROUPED.fullmatch(cell):
             text = cell.replace(",", "")
         if fault := _fault_in_number(text):
@@ -318,7 +319,9 @@ def _fast(table: CsvTable) -> Floats | None:
     lines: Sequence[str] = table.lines
     if table.dialect.decimal == ",":
         lines = [line.replace(",", ".") for line in lines]
-    delimiter = None if table.dialect.separator == BLANKS else table.dialect.separator
+    delimiter: str | None = table.dialect.separator
+    if delimiter == BLANKS:
+        delimiter = None
     try:
         # loadtxt would otherwise drop the rest of a line after "#", and a fault with it.
         values = np.loadtxt(
@@ -335,7 +338,7 @@ def number(table: CsvTable, row: int, name: str, cell: str) -> float:
     """The cell in data line `row`, from 0, as a finite number. Raises BadInput naming line and
     column.
     """
-    text = cell.replace(",", ".") if table.dialect.decimal == "," else cell
+    text = with_point(cell, table.dialect.decimal)
     if fault := _fault_in_number(text):
         raise table.fault(row, f"column {name}: {fault}")
     return float(text)
@@ -419,7 +422,7 @@ def select_samples(
 
 
 def describe_step_back(t_s: Floats, row: int) -> str:
-    """In words, how the time of sample `row` of times (rows,) does not rise, and the probable
+    """In words, how the time of sample `row` of the times (m,) does not rise, and the probable
     cause.
     """
     back_s = float(t_s[row - 1] - t_s[row])

@@ -215,6 +215,7 @@ def test_two_columns_of_one_name_are_refused_where_they_are_used(tmp_path):
 # What is stored of a column, its attributes, and the factor to what is meant.
 SCALED = {
     "plain": (POSITION, {}, 1.0),
+    "a scale of one": (POSITION, {"conversion": 1.0}, 1.0),
     "CF": (np.round((POSITION - 0.5) / 1e-4).astype(np.int16), {"scale_factor": 1e-4}, 1.0),
     "CF with an offset": (
         np.round((POSITION - 0.5) / 1e-6).astype(np.int32),
@@ -247,7 +248,7 @@ def test_counts_are_read_in_the_unit_of_their_attributes(tmp_path, form):
     assert recording.values["position"] == pytest.approx(expected, abs=tolerance)
     assert recording.units == {"position": "deg"}
     assert any("position: its numbers times" in note for note in recording.notes) == (
-        form not in ("plain", "an offset that is text")
+        form not in ("plain", "a scale of one", "an offset that is text")
     )
     assert list_columns(path).values["position"] == pytest.approx(expected, abs=tolerance)
 

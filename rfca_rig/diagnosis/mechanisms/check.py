@@ -551,9 +551,12 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
 
 def _describe_balance(name: str, share: float) -> CheckLine:
     """How well the torques of a joint balance; a warning where the model is a poor one."""
+    digits = 1
+    if share >= 0.1:
+        digits = 0
     words = (
         "inertia, weight and drive of the model balance in the recorded motion to "
-        f"{100.0 * share:.{0 if share >= 0.1 else 1}f} %"
+        f"{100.0 * share:.{digits}f} %"
     )
     is_poor = share > UNBALANCED
     if is_poor:

@@ -78,7 +78,9 @@ def _find_passed_stops(experiment: Experiment, mechanism: Mechanism) -> Iterator
         share = float(np.mean((recorded < low - tolerance) | (recorded > high + tolerance)))
         if share < FEWEST_BEYOND:
             continue
-        unit = "m" if mechanism.is_slide[joint] else "rad"
+        unit = "rad"
+        if mechanism.is_slide[joint]:
+            unit = "m"
         yield LimitConflict(
             "signal",
             _column_of(experiment, index),
