@@ -22,6 +22,7 @@ import numpy as np
 
 from rfca_rig import __version__
 from rfca_rig.engine.interfaces import Bench
+from rfca_rig.engine.loop_gaps import GapCounter
 from rfca_rig.errors import RigError, Tripped
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.protocol.written_plan import serialize_plan
@@ -182,7 +183,7 @@ def streams(bench: Bench) -> dict[str, str]:
     return {"sensor_records": f"{counted}, {bad}"}
 
 
-def ending_fields(bench: Bench, outcome: Outcome, worst_gap_s: float) -> dict[str, str]:
+def ending_fields(bench: Bench, outcome: Outcome, gaps: GapCounter) -> dict[str, str]:
     """How the run ended, what the clocks showed then, and how regular the control loop was."""
     return {
         "ended": outcome.why,
@@ -190,5 +191,6 @@ def ending_fields(bench: Bench, outcome: Outcome, worst_gap_s: float) -> dict[st
         "reason": outcome.reason,
         "ended_at": bench.clock.wall_time().isoformat(),
         "lasted_s": f"{bench.clock.now_s():.6f}",
-        "worst_loop_gap_ms": f"{1e3 * worst_gap_s:.3f}",
+        "worst_loop_gap_ms": f"{1e3 * gaps.longest_s:.3f}",
+        "loop_gaps_ms": gaps.histogram().text(),
     }

@@ -14,6 +14,7 @@ from rfca_rig.bench.photo_reader import PhotoReader
 from rfca_rig.bench.stage_photos import read_stage_photos
 from rfca_rig.clock import Clock
 from rfca_rig.drivers.roles import ForceSamples, SensorScale, ShaftSamples
+from rfca_rig.engine.loop_gaps import GapCounter
 from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, Cycle, RecordedSamples, Standstill
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.protocol.check import Load
@@ -138,12 +139,17 @@ class Recorder:
         self.samples = self.refused = self.ended = 0
         self.where = "before the first stage"
         self.cycles_done = 0
-        self.worst_gap_s = 0.0
+        self.gaps = GapCounter()
         self.standstill = UNKNOWN_STANDSTILL
         self.bad_samples = "none"
         self.tares: list[Floats] = []
         self.strokes: deque[Stroke] = deque(maxlen=1)
         self.stages: list[StaticStage] = []
+
+    @property
+    def worst_gap_s(self) -> float:
+        """The longest time without a command to the drive; 0 before the motor is off."""
+        return self.gaps.longest_s
 
     def begin(self, stage: Flap | Hold | Cycles) -> None:
         self.note("stage begins", stage=stage.label)
@@ -231,8 +237,8 @@ class Recorder:
             torque_Nm=round(peak.torque_Nm, 4),
         )
 
-    def off(self, worst_gap_s: float, standstill: Standstill, bad_samples: str) -> None:
-        self.worst_gap_s = worst_gap_s
+    def off(self, gaps: GapCounter, standstill: Standstill, bad_samples: str) -> None:
+        self.gaps = gaps
         self.standstill = standstill
         self.bad_samples = bad_samples
 

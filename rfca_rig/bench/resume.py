@@ -35,6 +35,7 @@ CARRIED_ENDING_KEYS = (
     "ended_at",
     "lasted_s",
     "worst_loop_gap_ms",
+    "loop_gaps_ms",
     "sensor_records",
     "standstill",
     "interrupted",

@@ -165,7 +165,7 @@ def finish(config: RunConfig, run: FinishedRun, quiet: bool = False) -> None:
 def _put_together(config: RunConfig, run: FinishedRun, report_progress: ProgressCount) -> None:
     recorder = run.recorder
     known = {
-        **provenance.ending_fields(run.bench, run.outcome, recorder.worst_gap_s),
+        **provenance.ending_fields(run.bench, run.outcome, recorder.gaps),
         "ended_in_stage": recorder.where,
         "standstill": recorder.standstill.text(),
         "tare_drift": recorder.tare_drift(),
@@ -231,7 +231,7 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
         known_to = config.nominal_source.known_to.model_dump(exclude_none=True)
     else:
         known_to = {}
-    named = {}
+    named = {"watchdog_ms": f"{1e3 * config.rig.watchdog_s:g}"}
     if config.twin_seed is not None:
         named["seed"] = str(config.twin_seed)
     if config.rig_name:

@@ -23,6 +23,7 @@ from rfca_rig.description.sections import (
     LegSection,
     SensorSection,
 )
+from rfca_rig.devices import USUAL_WATCHDOG_S, find_motor
 from rfca_rig.devices.own import load_own
 from rfca_rig.devices.sections import (
     ForceSensorChoice,
@@ -186,6 +187,16 @@ class RigFile(Section):
         if self.is_real:
             return "REAL"
         return "SIM"
+
+    @property
+    def watchdog_s(self) -> float:
+        """Time without a command after which the drive, or its guardian, removes the torque."""
+        key = find_motor(self.motor.device).watchdog_key
+        if self.motor.is_guarded:
+            key = "guardian_silence_ms"
+        if key is None:
+            return USUAL_WATCHDOG_S
+        return float(getattr(self.motor, key)) / 1e3
 
     def nominal(self) -> dict[str, Any]:
         """The sections that go into every recording, as plain data."""

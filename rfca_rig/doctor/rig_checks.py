@@ -24,7 +24,7 @@ from rfca_rig.description.camera_file import (
     read_camera_file,
 )
 from rfca_rig.description.rig_file import RigFile
-from rfca_rig.devices import FORCE_SENSORS, USUAL_WATCHDOG_S, find_motor, find_sensor, load_object
+from rfca_rig.devices import FORCE_SENSORS, find_motor, find_sensor, load_object
 from rfca_rig.devices.checks import (
     CanBusObservation,
     Colour,
@@ -343,16 +343,7 @@ def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
         yield from check_shaft(rig, clock)
     yield from check_sensor(rig.force_sensor, clock)
     yield from check_camera(rig, clock)
-    yield from check_computer(runs, clock, _watchdog_s(rig))
-
-
-def _watchdog_s(rig: RigFile) -> float:
-    key = find_motor(rig.motor.device).watchdog_key
-    if rig.motor.is_guarded:
-        key = "guardian_silence_ms"
-    if key is None:
-        return USUAL_WATCHDOG_S
-    return float(getattr(rig.motor, key)) / 1e3
+    yield from check_computer(runs, clock, rig.watchdog_s)
 
 
 @dataclass(frozen=True)

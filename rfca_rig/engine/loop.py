@@ -12,6 +12,7 @@ from rfca_rig.drivers.reading_check import describe_bad
 from rfca_rig.drivers.roles import ForceSamples, MotorStatus, ShaftSamples, concatenate_blocks
 from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopRequest, Tick
 from rfca_rig.engine.limit_monitor import LimitMonitor, Tracking
+from rfca_rig.engine.loop_gaps import GapCounter
 from rfca_rig.engine.sample_check import SampleCheck, StatusCheck, sum_force, sum_shaft
 from rfca_rig.errors import BadReading, DeviceError, Trip, Tripped
 from rfca_rig.protocol.check import Load
@@ -50,9 +51,8 @@ class Loop:
     """Ticks, and knows the shaft's last reported angle and speed. `target_rad` is the commanded
     angle.
 
-    `worst_gap_s` is the longest time between two ticks, with whatever was done between them. Trips
-    and urgent stop requests are raised at the end of a tick. After `end` the loop sends no command
-    any more.
+    `gaps` counts the times between two ticks, with whatever was done between them. Trips and urgent
+    stop requests are raised at the end of a tick. After `end` the loop sends no command any more.
     """
 
     def __init__(
@@ -83,7 +83,7 @@ class Loop:
         self._woke_s = self._tick_s
         self._late_s = 0.0
         self._status: MotorStatus | None = None
-        self.worst_gap_s = 0.0
+        self.gaps = GapCounter()
         self.angle_rad = 0.0
         self.speed_rad_s = 0.0
         self.target_rad = 0.0
@@ -187,7 +187,7 @@ class Loop:
         gap_s = now_s - self._woke_s
         self._woke_s = now_s
         self._late_s = gap_s - period_s
-        self.worst_gap_s = max(self.worst_gap_s, gap_s)
+        self.gaps.take(gap_s)
         self._monitor.gap(gap_s, period_s)
 
     def _refuse_if_over(self) -> None:
@@ -225,7 +225,7 @@ class Loop:
                 self.target_rad,
                 self._target_speed_rad_s,
                 self._late_s,
-                self.worst_gap_s,
+                self.gaps.longest_s,
                 self._status,
             )
             self._observer.tick(tick)

@@ -272,7 +272,7 @@ class _Run:
             standstill = stop(self._bench)
         finally:
             # Also where the drive did not answer: the recording must say how the motion ended.
-            self._sink.off(self._loop.worst_gap_s, standstill, self._loop.bad_samples)
+            self._sink.off(self._loop.gaps, standstill, self._loop.bad_samples)
 
     def _stages_to_do(self) -> Iterator[Stage]:
         """The plan's stages; once a stop is requested, only those that bring the leg into the

@@ -11,6 +11,7 @@ from rfca_rig.clock import Clock
 from rfca_rig.drivers.roles import ForceSamples, Photo, ShaftMotor, ShaftSamples
 from rfca_rig.engine.interfaces import Bench
 from rfca_rig.engine.loop import Loop
+from rfca_rig.engine.loop_gaps import GapCounter
 from rfca_rig.errors import DeviceError, RigError
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Approach, Cycles, Flap, Hold
@@ -213,9 +214,9 @@ class Sink(Protocol):
     def take_first_stroke(self, stage: Approach, peak: Load) -> None:
         """A first stroke is done, with its largest load."""
 
-    def off(self, worst_gap_s: float, standstill: Standstill, bad_samples: str) -> None:
+    def off(self, gaps: GapCounter, standstill: Standstill, bad_samples: str) -> None:
         """The motor is without torque and the run is over.
 
-        `worst_gap_s` is the longest time without a command to the drive, `bad_samples` how many
-        samples were no numbers, by column.
+        `gaps` are the times without a command to the drive, `bad_samples` how many samples were no
+        numbers, by column.
         """

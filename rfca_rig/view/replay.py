@@ -12,6 +12,7 @@ from rfca_rig.campaign.stored import StoredRecording, open_stored
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.errors import BadInput, Trip
 from rfca_rig.protocol.plan import Limits
+from rfca_rig.recording.loop_gaps import recorded_gaps
 from rfca_rig.view.gauges import Gauge
 from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.messages import (
@@ -86,11 +87,14 @@ class Replay:
         """Health of the run from the recording's provenance."""
         known = self._stored.provenance
         why = self._end_reason()
+        gaps = recorded_gaps(known)
         lines = [
             _health_line(shown, known[name])
             for name, shown in HEALTH_NAMES.items()
             if name in known
         ]
+        if gaps is not None:
+            lines.append(Health("loop gaps", gaps.text(), is_good=True))
         if why is not None:
             lines.append(Health("ended", why, why == "done"))
         return lines

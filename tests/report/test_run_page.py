@@ -73,6 +73,17 @@ def test_a_run_that_was_carried_out():
     assert float(first["expected_force_N"]) > 50.0 and first["begun_s"] == "1.0"
 
 
+def test_the_gaps_of_the_loop_are_shown_where_they_were_counted():
+    plain = runs.done()
+    assert "Gaps of the control loop" not in shown(plain)[1]
+    counted = {"loop_gaps_ms": '{"1.995": 9990, "2.371": 9, "11.89": 1}', "watchdog_ms": "100"}
+    html, text, _ = shown(replace(plain, provenance={**plain.provenance, **counted}))
+    assert "99.9 % of 10000 ticks within 2.1 ms; longest 12.5 ms; the watchdog is 100 ms." in text
+    assert "A tick that comes more than 50 ms late ends the run: a gap of 52 to 60 ms." in text
+    assert html.count('aria-label="ticks over their gaps') == 2
+    assert "loop gaps ms" not in text
+
+
 def test_a_run_that_tripped_says_so_first_and_shows_what_was_cut_short():
     html, text, story = shown(runs.tripped())
     assert "What L-01 means, and what to do: rfca-rig trip L-01." in text

@@ -13,7 +13,9 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from rfca_rig.engine.stages import HOLD_PERIOD_S, MOVE_TICK_S, TICK_S
 from rfca_rig.errors import TRIP
+from rfca_rig.recording.loop_gaps import recorded_gaps
 from rfca_rig.recording.model import Recording
 from rfca_rig.reports.elements import (
     EMPTY,
@@ -68,6 +70,7 @@ SHOWN_ELSEWHERE = (
     "ended_at",
     "lasted_s",
     "worst_loop_gap_ms",
+    "loop_gaps_ms",
     "ended_in_stage",
     "standstill",
     "tare_drift",
@@ -117,6 +120,7 @@ def page(
     sections = [
         _conditions(conditions, is_planned=share is not None),
         _health_and_limits(story),
+        _loop_gaps(story),
         _over_the_cycles(story),
         _stiffness(checks),
         _strokes(story),
@@ -167,6 +171,33 @@ def _health_and_limits(story: RunStory) -> SideBySide | None:
             # Without limits their column stays free.
             [limits_section],
         ],
+    )
+
+
+def _loop_gaps(story: RunStory) -> PageSection | None:
+    gaps = recorded_gaps(story.recording.provenance)
+    if gaps is None:
+        return None
+    late_s = story.last_limits.get("late_s")
+    caption = (
+        "Time between two ticks, each counted once, on logarithmic scales. The loop ticks every "
+        f"{1e3 * TICK_S:g} ms in a stroke, every {1e3 * MOVE_TICK_S:g} ms in moves and cycles, and "
+        f"every {1e3 * HOLD_PERIOD_S:g} ms where the shaft is held."
+    )
+    lines = [legend_line("var(--measured)", 5, "ticks")]
+    late_ms = None
+    if late_s is not None:
+        late_ms = tuple(1e3 * (late_s + period_s) for period_s in (TICK_S, HOLD_PERIOD_S))
+        caption += (
+            f" A tick that comes more than {1e3 * late_s:g} ms late ends the run: a gap of "
+            f"{late_ms[0]:g} to {late_ms[1]:g} ms."
+        )
+        lines.append(legend_line("var(--simulated)", 5, "the loop is too late"))
+    if gaps.watchdog_ms is not None:
+        lines.append(legend_line("var(--bad)", 1.4, "the drive removes its torque"))
+    drawn = figure("", pictures.draw_gaps(pictures.GapPicture(gaps, late_ms)), caption)
+    return PageSection(
+        "Gaps of the control loop", [paragraph(f"{gaps.text()}."), legend(*lines), drawn]
     )
 
 

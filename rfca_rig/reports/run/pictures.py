@@ -3,6 +3,7 @@ stiffness over cycles.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
 
@@ -12,10 +13,12 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from rfca_rig.engine.loop_gaps import bin_end_ms
 from rfca_rig.errors import SimulationFailed
 from rfca_rig.escaping import html_text
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.model.stroke import simulate_stroke_at_speed
+from rfca_rig.recording.loop_gaps import RecordedGaps
 from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.recording.tables import cycle_table
 from rfca_rig.reports.run.parts import RunPart, RunStory
@@ -62,6 +65,11 @@ DASHES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
     (0, (1.0, 1.5)),
     "-.",
 )
+# Limits of the axes of the gaps: room for the label of 1000 ms; one tick is seen above the least
+# number.
+FIRST_GAP_MS = 0.1
+LAST_GAP_MS = 1600.0
+LEAST_TICKS = 0.7
 FORCES = {"fy_N": "fy (N)", "fz_N": "fz (N)", "tx_Nm": "tx (N m)"}
 
 
@@ -247,6 +255,43 @@ def draw_cycles(story: RunStory, is_narrow: bool) -> str:
             f"cycles {is_narrow}",
             "largest force and least fz of each cycle over its number",
         )
+
+
+@dataclass(frozen=True)
+class GapPicture:
+    """The gaps, and between which gaps in ms a tick is too late, by its period; None where no limit
+    is recorded.
+    """
+
+    gaps: RecordedGaps
+    late_ms: tuple[float, float] | None
+
+
+@for_both_widths
+def draw_gaps(picture: GapPicture, is_narrow: bool) -> str:
+    """Number of ticks over the gap before them, with the watchdog and the limit of a late loop."""
+    gaps = picture.gaps
+    with drawing():
+        figure, axes = _make_figure(is_narrow)
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        for edge_ms, count in gaps.histogram.ticks_by_edge_ms.items():
+            # The first bin begins at 0, the last has no end; neither is on a logarithmic scale.
+            left_ms = max(edge_ms, 0.5 * FIRST_GAP_MS)
+            right_ms = bin_end_ms(edge_ms) or 2.0 * LAST_GAP_MS
+            axes.fill_between([left_ms, right_ms], LEAST_TICKS, count, color=MEASURED, lw=0.4)
+        if picture.late_ms is not None:
+            axes.axvspan(*picture.late_ms, color=SIMULATED, lw=0.8)
+        if gaps.watchdog_ms is not None:
+            axes.axvline(gaps.watchdog_ms, color=BAD, lw=1.4)
+        axes.set_xlim(FIRST_GAP_MS, LAST_GAP_MS)
+        axes.set_ylim(bottom=LEAST_TICKS)
+        axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+        axes.yaxis.set_major_formatter(lambda value, _: in_thousands(f"{value:.0f}"))
+        axes.minorticks_off()
+        axes.set_xlabel("gap (ms)")
+        axes.set_ylabel("ticks")
+        return inline_svg(figure, f"gaps {is_narrow}", f"ticks over their gaps: {gaps.text()}")
 
 
 def _read_numbers(table: Table, key: str) -> Floats:
