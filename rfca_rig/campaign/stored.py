@@ -268,6 +268,7 @@ class StoredRecording:
     title: str
     source: Source
     nominal: Mapping[str, Any]
+    known_to: Mapping[str, float]
     provenance: Mapping[str, str]
     static: tuple[StaticStage, ...]
     strokes: tuple[StoredStage, ...]
@@ -341,7 +342,15 @@ def _make_stored(
     raw: tuple[StoredStage, ...],
 ) -> StoredRecording:
     return StoredRecording(
-        folder, known.title, known.source, known.nominal, known.provenance, static, strokes, raw
+        folder,
+        known.title,
+        known.source,
+        known.nominal,
+        known.known_to,
+        known.provenance,
+        static,
+        strokes,
+        raw,
     )
 
 

@@ -43,7 +43,11 @@ class ViewSession:
         self._view: LiveView | None = None
         if config.viewing is not None:
             facts = run_facts(
-                config.plan, config.mark, bench.sensor.scale(), config.nominal_source.nominal()
+                config.plan,
+                config.mark,
+                bench.sensor.scale(),
+                config.nominal_source.nominal(),
+                config.known_to,
             )
             self._view = LiveView(
                 facts, config.plan, stop_request, self._vitals, self._tell, config.viewing.port

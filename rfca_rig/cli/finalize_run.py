@@ -227,10 +227,6 @@ def describe_contents(folder: Path) -> str:
 
 
 def _header(config: RunConfig, bench: Bench) -> Recording:
-    if config.nominal_source.known_to:
-        known_to = config.nominal_source.known_to.model_dump(exclude_none=True)
-    else:
-        known_to = {}
     named = {"watchdog_ms": f"{1e3 * config.rig.watchdog_s:g}"}
     if config.twin_seed is not None:
         named["seed"] = str(config.twin_seed)
@@ -256,7 +252,7 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
         title=config.plan.title,
         source=config.rig.source,
         nominal=config.nominal_source.nominal(),
-        known_to=known_to,
+        known_to=config.known_to,
         strokes=(),
         static=(),
         provenance={

@@ -68,6 +68,14 @@ class RunConfig:
         return self.model or self.rig
 
     @property
+    def known_to(self) -> dict[str, float]:
+        """One standard deviation of the values of that model; empty where none is stated."""
+        known_to = self.nominal_source.known_to
+        if known_to is None:
+            return {}
+        return known_to.model_dump(exclude_none=True)
+
+    @property
     def mark(self) -> str:
         """SIM or REAL, at the head of every line."""
         if self.rig.is_real:

@@ -63,6 +63,11 @@ class RunObserver(Protocol):
         as in its recording; None where the stage goes on with those of the stage before.
         """
 
+    def start(self, start_s: float) -> None:
+        """The commanded motion of a stroke begins, at host time `start_s`; in a recording this is
+        time 0.
+        """
+
     def energising(self) -> None:
         """The rack is set, and the motor is about to be energised: the last moment for a stop
         request that came up meanwhile.
@@ -79,6 +84,9 @@ class NullObserver:
 
     def stage(self, stage: Stage, expected: Load | None, turns_rad: float | None) -> None:
         del stage, expected, turns_rad
+
+    def start(self, start_s: float) -> None:
+        del start_s
 
     def energising(self) -> None:
         pass

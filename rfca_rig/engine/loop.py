@@ -130,6 +130,13 @@ class Loop:
         """
         self._monitor.expect(load)
 
+    def start_motion(self) -> float:
+        """The commanded motion of a stroke begins now; the observer hears of it. Returns the host
+        time.
+        """
+        self._observer.start(self.now_s)
+        return self.now_s
+
     def end(self) -> None:
         """From now on this loop sends no command."""
         self._is_over = True

@@ -189,7 +189,7 @@ def flap(loop: Loop, stage: Flap, sink: Sink) -> RecordedSamples:
         # Recorded at rest first, so that the stroke's initial state is part of the recording.
         for _ in range(round(stage.before_s / TICK_S)):
             loop.step_to_angle(hold_rad, 0.0, TICK_S)
-        start_s = loop.now_s
+        start_s = loop.start_motion()
         sink.start(start_s, turns_rad)
         _sweep(loop, stage)
     _stop_in_the_air(loop, stage)
@@ -198,6 +198,7 @@ def flap(loop: Loop, stage: Flap, sink: Sink) -> RecordedSamples:
 
 def approach(loop: Loop, stage: Approach) -> None:
     """The same stroke as `flap`, unrecorded."""
+    loop.start_motion()
     _sweep(loop, stage)
     _stop_in_the_air(loop, stage)
 

@@ -30,6 +30,7 @@ from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import TURN_RAD, turns_between
 from rfca_rig.recording.block_queue import BlockQueue
 from rfca_rig.recording.journal import BlockKind, JournalBlock, parse_blocks
+from rfca_rig.view.expected_force import ExpectedFeed, ExpectedForces, PlacedStroke
 from rfca_rig.view.gauges import Gauges, LiveHealth, StreamClock
 from rfca_rig.view.leg_pose import LegMoment, Legs
 from rfca_rig.view.messages import (
@@ -59,6 +60,8 @@ SILENT_S = 0.25
 FLUSH_S = 0.008
 # Of the run's messages to the operator, the last ones are shown.
 LINES = 12
+# Strokes whose expected force is kept. The longest window of a page, two minutes, has fewer.
+MOST_STROKES = 300
 # The words that a page sends.
 STOP_LEVELS = {"safe point": StopLevel.SAFE_POINT, "now": StopLevel.TORQUE_OFF}
 DONE = "done"
@@ -93,6 +96,7 @@ class LiveSource:
         self._now_s = self._ticked_s = 0.0
         self._shaft_rad: float | None = None
         self._turns_rad: float | None = None
+        self._stage_number = -1
         self._is_cycling = False
         self._target_rad = 0.0
         self._force_N: tuple[float, float] | None = None
@@ -103,6 +107,14 @@ class LiveSource:
         self._code = ""
         self._asked: str | None = None
         self.pyramid = Pyramid(len(CHANNELS))
+        self.forces = ExpectedForces(facts.nominal, facts.known_to)
+        # Replaced, never changed, with each stroke: pages compare it by identity.
+        self.strokes: tuple[PlacedStroke, ...] = ()
+
+    def prepare(self) -> None:
+        """Computes the shapes of the leg and the forces of all strokes, which takes seconds."""
+        self._legs.prepare(self._facts.scenes)
+        self.forces.prepare(self._facts.strokes)
 
     @property
     def now_s(self) -> float:
@@ -179,6 +191,8 @@ class LiveSource:
             match event["about"]:
                 case "stage":
                     self._stage(event)
+                case "start":
+                    self._start(event["start_s"])
                 case "vitals":
                     self._health.vitals(event)
                 case "line":
@@ -189,6 +203,7 @@ class LiveSource:
 
     def _stage(self, event: dict[str, Any]) -> None:
         number = event["number"]
+        self._stage_number = number
         self._progress.begin(number, event["wall_s"])
         expected = None
         if event["expected"] is not None:
@@ -200,6 +215,18 @@ class LiveSource:
         self._is_cycling = number >= 0 and self._facts.stages[number].kind == "cycles"
         if number >= 0:
             self._scene = self._facts.scenes[number]
+
+    def _start(self, start_s: float) -> None:
+        """The commanded motion of the present stage begins."""
+        # The page's time begins with the first tick that the view has got.
+        if self._stage_number < 0 or self._began_s is None:
+            return
+        stroke = self._facts.strokes[self._stage_number]
+        if stroke is None:
+            return
+        from_s = start_s - self._began_s
+        placed = PlacedStroke(from_s, from_s + stroke.duration_s, stroke.condition)
+        self.strokes = (*self.strokes[1 - MOST_STROKES :], placed)
 
     def _end(self, why: str, code: str, wall_s: float) -> None:
         self._ended = why
@@ -339,6 +366,7 @@ class LiveFeed:
     def __init__(self, run: LiveRun) -> None:
         self._run = run
         self._shown: tuple[Message | None, Message | None] = (None, None)
+        self._expected = ExpectedFeed(run.source.forces)
         self._span_s = SPAN_S
         self._begin()
 
@@ -368,9 +396,10 @@ class LiveFeed:
             if now is not None and now is not before
         ]
         traced = self._trace()
+        expected = self._expected.new_messages(self._run.source.strokes)
         if traced is None:
-            return [*changed]
-        return [traced, *changed]
+            return [*expected, *changed]
+        return [traced, *expected, *changed]
 
     def _trace(self) -> Message | None:
         source = self._run.source
@@ -417,10 +446,10 @@ def show(parent: Connection) -> None:
         parent.send((FAILED, str(error)))
         return
     parent.send((READY, port_of(listening)))
-    legs = Legs(assignment.facts.nominal)
-    # Shapes take seconds to compute; until then the page shows a straight leg.
-    threading.Thread(target=legs.prepare, args=(assignment.facts.scenes,), daemon=True).start()
-    run = LiveRun(LiveSource(assignment.facts, queue, assignment.clock, legs))
+    source = LiveSource(assignment.facts, queue, assignment.clock, Legs(assignment.facts.nominal))
+    # Until the shapes are there the page shows a straight leg, and no expected force.
+    threading.Thread(target=source.prepare, daemon=True).start()
+    run = LiveRun(source)
     try:
         asyncio.run(_serve(run, assignment, parent, listening))
     finally:

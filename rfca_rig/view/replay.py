@@ -12,7 +12,8 @@ from rfca_rig.campaign.stored import StoredRecording, open_stored
 from rfca_rig.clock import Clock, WallClock
 from rfca_rig.errors import BadInput, Trip
 from rfca_rig.protocol.plan import Limits
-from rfca_rig.recording.loop_gaps import recorded_gaps
+from rfca_rig.recording.loop_gaps import LONGEST_KEY, recorded_gaps
+from rfca_rig.view.expected_force import ExpectedFeed, ExpectedForces, PlacedStroke
 from rfca_rig.view.gauges import Gauge
 from rfca_rig.view.leg_pose import Legs
 from rfca_rig.view.messages import (
@@ -39,7 +40,7 @@ FASTEST = 100.0
 STATE_EVERY = round(BEATS_HZ / STATES_HZ)
 HEALTH_NAMES = {
     "sensor_records": "sensor records",
-    "worst_loop_gap_ms": "worst loop gap, ms",
+    LONGEST_KEY: "worst loop gap, ms",
     "tare_drift": "tare drift",
 }
 
@@ -54,6 +55,13 @@ class Replay:
         plan = plan_in(stored)
         self._limits = plan.limits if plan else None
         self.player = Player(time_line(stored, legs.start_rad, legs.ramp_s), legs)
+        self.forces = ExpectedForces(stored.nominal, stored.known_to)
+        self.strokes: tuple[PlacedStroke, ...] = self.player.strokes()
+
+    def prepare(self) -> None:
+        """Computes the shapes of the leg and the forces of all strokes, which takes seconds."""
+        self._legs.prepare([clip.scene for clip in self.player.clips])
+        self.forces.prepare([clip.stroke for clip in self.player.clips])
 
     def hello(self) -> Message:
         recorded = self.player.channels()
@@ -76,7 +84,7 @@ class Replay:
         )
 
     def feed(self) -> Feed:
-        return ReplayFeed(self.player, self._limits, self._health(), self._ending(), self._clock)
+        return ReplayFeed(self, self._limits, self._health(), self._ending(), self._clock)
 
     def stop(self, how: str) -> bool:
         """A recording cannot be stopped."""
@@ -91,7 +99,7 @@ class Replay:
         lines = [
             _health_line(shown, known[name])
             for name, shown in HEALTH_NAMES.items()
-            if name in known
+            if name in known and not (name == LONGEST_KEY and gaps is not None)
         ]
         if gaps is not None:
             lines.append(Health("loop gaps", gaps.text(), is_good=True))
@@ -143,13 +151,15 @@ class ReplayFeed:
 
     def __init__(
         self,
-        player: Player,
+        replay: Replay,
         limits: Limits | None,
         health: Sequence[Health],
         ending: Mapping[str, Any],
         clock: Clock,
     ) -> None:
-        self._player = player
+        self._player = replay.player
+        self._strokes = replay.strokes
+        self._expected = ExpectedFeed(replay.forces)
         self._limits = limits
         self._health = [asdict(line) for line in health]
         self._ending = ending
@@ -194,9 +204,10 @@ class ReplayFeed:
             if self._is_due():
                 return [self._state()]
             return []
-        messages = []
+        messages: list[Message] = []
         if trace := self._trace():
             messages.append(trace)
+        messages += self._expected.new_messages(self._strokes)
         if leg := self._player.leg(self._at_s):
             messages.append(leg)
         if self._is_due():
@@ -299,8 +310,7 @@ def replay(path: Path, port: int, ready: Callable[[str], None]) -> None:
         Where there is no recording, none with anything to play, or for a port that is in use.
     """
     stored = open_stored(path)
-    legs = Legs(stored.nominal)
-    source = Replay(stored, legs, WallClock())
+    source = Replay(stored, Legs(stored.nominal), WallClock())
     if not source.player.clips:
         raise BadInput(
             f"{path}: holds neither strokes nor static stages, so there is nothing to view"
@@ -308,8 +318,6 @@ def replay(path: Path, port: int, ready: Callable[[str], None]) -> None:
     listening = listen_on(port)
     token = new_token()
     ready(url_of(port_of(listening), token))
-    # Shapes take seconds to compute; until then the page shows a straight leg.
-    threading.Thread(
-        target=legs.prepare, args=([clip.scene for clip in source.player.clips],), daemon=True
-    ).start()
+    # Until the shapes are there the page shows a straight leg, and no expected force.
+    threading.Thread(target=source.prepare, daemon=True).start()
     asyncio.run(serve(source, token, listening, asyncio.Event(), lambda _pages: True))

@@ -208,21 +208,57 @@ def _scenes(stages: Sequence[Stage]) -> Iterator[Scene]:
 
 
 @dataclass(frozen=True)
+class ExpectedStroke:
+    """A condition of strokes for which the model predicts the force, up to `duration_s` after the
+    commanded start.
+    """
+
+    height_m: float
+    speed_rad_s: float
+    duration_s: float
+
+    @property
+    def condition(self) -> str:
+        """The same text for strokes of one height and speed, whatever their duration."""
+        return f"{1e3 * self.height_m:.2f} mm, {self.speed_rad_s:.4f} rad/s"
+
+
+def expected_strokes(plan: Plan) -> tuple[ExpectedStroke | None, ...]:
+    """The stroke of each stage of a plan; None for static stages, cycles and moves."""
+    strokes: list[ExpectedStroke | None] = []
+    for stage in plan.stages:
+        if isinstance(stage, Flap | Approach):
+            strokes.append(ExpectedStroke(stage.height_m, stage.speed_rad_s, stage.stroke_s))
+        else:
+            strokes.append(None)
+    return tuple(strokes)
+
+
+@dataclass(frozen=True)
 class RunFacts:
-    """Facts of a run. `mark` is SIM or REAL; `nominal` holds the sections of the nominal model
-    as in recordings.
+    """Facts of a run. `mark` is SIM or REAL; `nominal` and `known_to` hold the sections of the
+    nominal model, and how well it is known, as in recordings. `strokes` has an entry for each
+    stage.
     """
 
     title: str
     mark: str
     stages: tuple[ListedStage, ...]
     scenes: tuple[Scene, ...]
+    strokes: tuple[ExpectedStroke | None, ...]
     limits: Limits
     scale: SensorScale
     nominal: Mapping[str, Any]
+    known_to: Mapping[str, float]
 
 
-def run_facts(plan: Plan, mark: str, scale: SensorScale, nominal: Mapping[str, Any]) -> RunFacts:
+def run_facts(
+    plan: Plan,
+    mark: str,
+    scale: SensorScale,
+    nominal: Mapping[str, Any],
+    known_to: Mapping[str, float],
+) -> RunFacts:
     """Facts of a run of `plan`.
 
     Parameters
@@ -233,11 +269,19 @@ def run_facts(plan: Plan, mark: str, scale: SensorScale, nominal: Mapping[str, A
         SIM for twins, REAL for a rig.
     scale
         Counts of the force sensor per N and N m.
-    nominal
-        Sections of the nominal model as in recordings.
+    nominal, known_to
+        Sections of the nominal model as in recordings, and one standard deviation of its values.
     """
     return RunFacts(
-        plan.title, mark, list_stages(plan.stages), scenes(plan), plan.limits, scale, nominal
+        plan.title,
+        mark,
+        list_stages(plan.stages),
+        scenes(plan),
+        expected_strokes(plan),
+        plan.limits,
+        scale,
+        nominal,
+        known_to,
     )
 
 

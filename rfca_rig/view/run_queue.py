@@ -224,6 +224,9 @@ class RunQueue:
         self._next = max(self._next, number + 1)
         return number
 
+    def start(self, start_s: float) -> None:
+        self._send_event({"about": "start", "start_s": start_s})
+
     def energising(self) -> None:
         self._check_stop_request()
 

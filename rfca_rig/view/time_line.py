@@ -18,10 +18,17 @@ from rfca_rig.errors import BadInput
 from rfca_rig.protocol.plan import Flap, Hold, Plan
 from rfca_rig.protocol.written_plan import parse_plan
 from rfca_rig.recording.model import Column, StaticStage, Stream
+from rfca_rig.view.expected_force import PlacedStroke
 from rfca_rig.view.leg_pose import LegMoment, Legs
 from rfca_rig.view.messages import CHANNELS, Message
 from rfca_rig.view.pyramid import Extrema, Floats, decimate
-from rfca_rig.view.run_facts import STATIC_SWEEP_DEG, Scene, SceneStroke, scenes
+from rfca_rig.view.run_facts import (
+    STATIC_SWEEP_DEG,
+    ExpectedStroke,
+    Scene,
+    SceneStroke,
+    scenes,
+)
 
 _PLACES = {channel.name: index for index, channel in enumerate(CHANNELS)}
 _SHOWN_AS = {"shaft_angle_rad": "shaft_angle_deg"}
@@ -119,7 +126,7 @@ class Clip:
 
     `rest_s` is the time recorded before the commanded start. `planned_rad` gives the commanded
     shaft angle at a time from the commanded start; None where it is unknown. `hinge_deg` (6,) are
-    hinge angles from a photo.
+    hinge angles from a photo. `stroke` is that of which the model expects a force.
     """
 
     label: str
@@ -131,6 +138,7 @@ class Clip:
     load: Callable[[], StageSamples] = field(repr=False)
     planned_rad: Callable[[float], float] | None = field(default=None, repr=False)
     hinge_deg: Floats | None = None
+    stroke: ExpectedStroke | None = None
 
     @property
     def end_s(self) -> float:
@@ -291,6 +299,7 @@ def _stroke_clip(stroke: StoredStage, start_rad: float | None, ramp_s: float) ->
         scene=Scene(stroke.height_m, SceneStroke(stroke.height_m, stroke.speed_rad_s, sweep_deg)),
         load=partial(_load_samples, stroke),
         planned_rad=planned_rad,
+        stroke=ExpectedStroke(stroke.height_m, stroke.speed_rad_s, max(last_s, 0.0)),
     )
 
 
@@ -396,6 +405,15 @@ class Player:
         ):
             self._loaded.popitem(last=False)
         return samples
+
+    def strokes(self) -> tuple[PlacedStroke, ...]:
+        """Where the strokes are, from their commanded start to the end of what was recorded."""
+        placed = []
+        for clip in self.clips:
+            if clip.stroke is not None:
+                from_s = clip.begin_s + clip.rest_s
+                placed.append(PlacedStroke(from_s, clip.end_s, clip.stroke.condition))
+        return tuple(placed)
 
     def place_at(self, at_s: float) -> int:
         """Index of the clip that is played at a time, or was played last."""

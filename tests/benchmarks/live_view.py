@@ -75,6 +75,9 @@ class Timed:
     def stage(self, stage: Stage, expected: Load | None, turns_rad: float | None) -> None:
         self._observer.stage(stage, expected, turns_rad)
 
+    def start(self, start_s: float) -> None:
+        self._observer.start(start_s)
+
     def energising(self) -> None:
         self._observer.energising()
 
@@ -174,7 +177,13 @@ def one_run(rig: RigFile, plan: Plan, folder: Path, seconds: float, has_view: bo
         view = None
         file = None
         if has_view:
-            facts = run_facts(plan, "REAL", bench.sensor.scale(), rig.nominal())
+            facts = run_facts(
+                plan,
+                "REAL",
+                bench.sensor.scale(),
+                rig.nominal(),
+                rig.known_to.model_dump(exclude_none=True),
+            )
             view = LiveView(
                 facts,
                 plan,

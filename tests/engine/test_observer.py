@@ -24,10 +24,14 @@ class Looking:
         self._stop_request = stop_request
         self.stages = []
         self.ticks = []
+        self.starts = []
 
     def stage(self, stage, expected, turns_rad):
         del turns_rad
         self.stages.append((stage, expected))
+
+    def start(self, start_s):
+        self.starts.append((start_s, self.stages[-1][0]))
 
     def energising(self):
         if self._stop_request is not None:
@@ -73,6 +77,16 @@ def test_every_sample_and_every_stage_is_seen(tmp_path):
         for tick in looking.ticks[1:]
         if len(tick.shaft.angle_rad)
     )
+
+
+def test_the_start_of_a_stroke_is_that_of_its_recording(tmp_path):
+    plan = one_condition(twin_rig(), 2)
+    looking, _, _, kept = looked_at(tmp_path, plan)
+    flaps = [stage for stage in plan.stages if isinstance(stage, Flap)]
+    assert [stage for _, stage in looking.starts] == flaps
+    for (start_s, _), stroke in zip(looking.starts, kept.strokes, strict=True):
+        # The offset that makes the host's times zero at the commanded start.
+        assert stroke.streams["force"].columns["host_s"].offset == -start_s
 
 
 def test_the_tick_that_trips_is_seen_too(tmp_path):

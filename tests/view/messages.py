@@ -149,3 +149,18 @@ def leg(**changed: Any) -> dict[str, Any]:
         "force": [-17.0, -52.0],
         **changed,
     }
+
+
+def expected(
+    value: list[float], low: list[float] | None = None, high: list[float] | None = None
+) -> dict[str, Any]:
+    """Of fz, every 0.1 s, in the strokes of one condition."""
+    lines = {"value": value}
+    if low is not None and high is not None:
+        lines |= {"low": low, "high": high}
+    return {"kind": "expected", "condition": "a", "dt_s": 0.1, "channels": {"fz_N": lines}}
+
+
+def strokes(*places: tuple[float, float]) -> dict[str, Any]:
+    placed = [{"from_s": from_s, "to_s": to_s, "condition": "a"} for from_s, to_s in places]
+    return {"kind": "strokes", "strokes": placed}

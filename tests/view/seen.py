@@ -85,8 +85,12 @@ def watched(queue_bytes: int = 1 << 20, given: Plan | None = None) -> Iterator[W
             lambda: (StreamHealth(received=7, lost=2), 1000),
             told.append,
         )
+        known_to = rig.known_to.model_dump(exclude_none=True)
         source = LiveSource(
-            run_facts(plan, "SIM", SCALE, rig.nominal()), queue, clock, Legs(rig.nominal())
+            run_facts(plan, "SIM", SCALE, rig.nominal(), known_to),
+            queue,
+            clock,
+            Legs(rig.nominal()),
         )
         yield Watched(run_queue, LiveRun(source), stop_request, told, clock, plan)
     finally:

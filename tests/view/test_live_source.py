@@ -11,11 +11,14 @@ from hypothesis import strategies as st
 from rfca_rig.drivers.roles import SensorScale
 from rfca_rig.engine.limit_monitor import LoadMonitor
 from rfca_rig.errors import Tripped
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.protocol.check import Load
-from rfca_rig.protocol.plan import Cycles, whole_turns
+from rfca_rig.protocol.plan import Cycles, Flap, whole_turns
+from rfca_rig.view import expected_force
 from rfca_rig.view.gauges import Gauges
 from rfca_rig.view.messages import CHANNELS
-from rfca_rig.view.run_facts import ListedStage, Progress
+from rfca_rig.view.process import MOST_STROKES
+from rfca_rig.view.run_facts import ExpectedStroke, ListedStage, Progress
 from rfca_rig.view.run_queue import Stamp, tick_block, ticks_of
 from tests.engine.rigs import one_condition, twin_rig
 from tests.view.seen import SCALE, counts_of, tick, watched
@@ -251,6 +254,95 @@ def test_the_leg_is_drawn_at_once_and_bent_when_the_shapes_are_there():
         )
         assert max(z for _, z in bent["leg"]) < 0.222 < max(z for _, z in straight["leg"])
         assert bent["force"] == [0.0, -5.0]
+
+
+def of_kind(messages, kind):
+    return [message for message in messages if message["kind"] == kind]
+
+
+def begin_stroke(both, stage, start_s):
+    """The stage, a tick at rest, its commanded start, and a tick after it."""
+    both.run_queue.stage(stage, None, None)
+    both.run_queue.tick(tick(start_s, counts_of(0.0)))
+    both.run_queue.start(start_s)
+    both.run_queue.tick(tick(start_s + 0.002, counts_of(0.0)))
+    both.run.beat()
+
+
+def test_the_expected_force_begins_at_the_commanded_start_and_is_sent_once(monkeypatch):
+    made = []
+    predict = expected_force.predict_force
+
+    def counted(*words):
+        made.append(words)
+        return predict(*words)
+
+    monkeypatch.setattr(expected_force, "predict_force", counted)
+    rig = twin_rig()
+    with watched(given=one_condition(rig, 2)) as both:
+        feed = both.run.feed()
+        both.run_queue.tick(tick(5.0, counts_of(0.0)))
+        first, second = [stage for stage in both.plan.stages if isinstance(stage, Flap)]
+        begin_stroke(both, first, 7.5)
+        # The stroke began before its prediction was there.
+        (strokes,) = of_kind(feed.new_messages(), "strokes")
+        both.run.source.forces.prepare(both.run.source._facts.strokes)
+        (expected,) = of_kind(feed.new_messages(), "expected")
+        begin_stroke(both, second, 11.25)
+        later = feed.new_messages()
+        assert not of_kind(later, "expected") and not of_kind(feed.new_messages(), "strokes")
+        (strokes,) = of_kind(later, "strokes")
+        of_late_page = both.run.feed().new_messages()
+        both.run_queue.stage(both.plan.stages[1], None, None)
+        both.run_queue.start(12.0)
+        both.run.beat()
+        assert not of_kind(feed.new_messages(), "strokes")
+    places = [(one["from_s"], one["to_s"]) for one in strokes["strokes"]]
+    assert places == [
+        pytest.approx((from_s, from_s + first.stroke_s), abs=1e-5) for from_s in (2.5, 6.25)
+    ]
+    assert {one["condition"] for one in strokes["strokes"]} == {expected["condition"]}
+    assert len(made) == 1
+    assert of_kind(of_late_page, "expected") == [expected]
+    assert of_kind(of_late_page, "strokes") == [strokes]
+    of_model = simulate_stroke_at_speed(
+        rig.model(), first.height_m, first.speed_rad_s, np.arange(0.0, first.stroke_s, 1e-3)
+    )
+    for name, decimals in (("fy_N", 4), ("fz_N", 4), ("tx_Nm", 5)):
+        lines = expected["channels"][name]
+        assert lines["value"] == np.round(getattr(of_model, name), decimals).tolist()
+        assert all(
+            low <= value <= high
+            for low, value, high in zip(lines["low"], lines["value"], lines["high"], strict=True)
+        )
+    assert expected["dt_s"] == 1e-3
+
+
+def test_a_model_that_cannot_be_read_or_computed_expects_nothing():
+    stroke = ExpectedStroke(0.215, 3.249, 0.5)
+    rig = twin_rig()
+    without = {"k0_relative": 1e9}
+    for nominal, known_to in (({}, {}), ({"leg": {}}, {}), (rig.nominal(), without)):
+        forces = expected_force.ExpectedForces(nominal, known_to)
+        with np.errstate(over="ignore"):
+            forces.prepare([stroke, None])
+        assert forces.message(stroke.condition) is None
+    forces = expected_force.ExpectedForces(rig.nominal(), {})
+    forces.prepare([stroke])
+    assert set(forces.message(stroke.condition)["channels"]["fz_N"]) == {"value"}
+
+
+def test_only_the_newest_strokes_are_kept():
+    with watched() as both:
+        (flap,) = [stage for stage in both.plan.stages if isinstance(stage, Flap)]
+        begin_stroke(both, flap, 1.0)
+        for number in range(MOST_STROKES):
+            both.run_queue.start(2.0 + number)
+        both.run.beat()
+        strokes = both.run.source.strokes
+        assert len(strokes) == MOST_STROKES
+        assert strokes[-1].from_s == pytest.approx(MOST_STROKES)
+        assert strokes[0].from_s == pytest.approx(1.0)
 
 
 def seen(now_s, force_N, moment_Nm=0.0, rows=1):

@@ -29,7 +29,9 @@ def viewed(bench, plan, port=0):
     """A view, which is gone afterwards however long it would have stayed."""
     stop_request = StopRequest()
     told = []
-    facts = run_facts(plan, "SIM", bench.sensor.scale(), RIG.nominal())
+    facts = run_facts(
+        plan, "SIM", bench.sensor.scale(), RIG.nominal(), RIG.known_to.model_dump(exclude_none=True)
+    )
     view = LiveView(
         facts, plan, stop_request, lambda: (bench.sensor.health(), 0), told.append, port
     )

@@ -3,6 +3,7 @@
 import re
 from itertools import pairwise
 
+import numpy as np
 import pytest
 
 pytest.importorskip(
@@ -21,22 +22,24 @@ def flat(value: float, count: int = 1000) -> list[float | None]:
     return [value] * count
 
 
-def inked_rows(page: Page, plot: str, t_s: float, colour: tuple[int, int, int]) -> list[float]:
+def inked_rows(
+    page: Page, plot: str, t_s: float, colour: tuple[int, int, int], opacity: int = 120
+) -> list[float]:
     """The values, on the panel's scale, of all pixels of about that colour in the column of the
     canvas at `t_s`.
     """
     return page.evaluate(  # type: ignore[no-any-return]
-        """([name, t, colour]) => {
+        """([name, t, colour, opacity]) => {
           const plot = rfcaView.traces.panels.find(panel => panel.kind.plot === name).plot;
           const canvas = plot.ctx.canvas, ratio = canvas.width / canvas.clientWidth;
           const x = Math.round(plot.valToPos(t, "x", true));
           const column = plot.ctx.getImageData(x - 1, 0, 3, canvas.height).data;
-          const near = at => [0, 1, 2].every(c => Math.abs(column[at + c] - colour[c]) < 40) && column[at + 3] > 120;
+          const near = at => [0, 1, 2].every(c => Math.abs(column[at + c] - colour[c]) < 40) && column[at + 3] > opacity;
           const rows = new Set();
           for (let at = 0; at < column.length; at += 4) if (near(at)) rows.add(Math.floor(at / 12));
           return [...rows].map(row => plot.posToVal((row - plot.bbox.top) / ratio, "y"));
         }""",
-        [plot, t_s, list(colour)],
+        [plot, t_s, list(colour), opacity],
     )
 
 
@@ -127,6 +130,87 @@ class TestTraces:
         shown.page.get_by_role("button", name="30 s", exact=True).click()
         assert heard(shown, "span") == [{"kind": "span", "span_s": 30}]
         assert shown.page.evaluate("rfcaView.traces.spanS") == 30
+
+
+ORANGE = (0xF2, 0xA9, 0x3B)
+
+
+class TestExpectedForce:
+    """A stroke of 3 s from 1 s on: expected are -20 N, with a band from -50 to +10 N."""
+
+    LINES = ([-20.0] * 31, [-50.0] * 31, [10.0] * 31)
+
+    def brought(self, show, until_s=8.0):
+        shown = show(anew=True)
+        measured = flat(60.0, round(until_s / DT_S))
+        shown.server.say(
+            messages.trace(0.0, DT_S, reset=True, fz_N=measured),
+            messages.strokes((1.0, 4.0)),
+            messages.expected(*self.LINES),
+        )
+        painted(shown)
+        return shown
+
+    def test_line_and_band_are_where_they_are_expected(self, show):
+        shown = self.brought(show)
+        line = inked_rows(shown.page, "force", 2.5, ORANGE)
+        assert np.mean(line) == pytest.approx(-20.0, abs=1.5)
+        band = inked_rows(shown.page, "force", 2.5, ORANGE, opacity=60)
+        assert (min(band), max(band)) == pytest.approx((-50.0, 10.0), abs=1.5)
+        assert len(band) > 60
+        assert inked_rows(shown.page, "force", 2.5, BLUE)[0] == pytest.approx(60.0, abs=3.0)
+        for outside_s in (0.9, 4.1):
+            assert inked_rows(shown.page, "force", outside_s, ORANGE) == []
+
+    def test_nothing_is_drawn_beyond_what_was_measured(self, show):
+        shown = self.brought(show, until_s=2.0)
+        assert inked_rows(shown.page, "force", 1.9, ORANGE)
+        assert inked_rows(shown.page, "force", 2.1, ORANGE) == []
+
+    def test_it_is_told_at_the_end_of_what_is_shown_and_can_be_hidden(self, show):
+        shown = self.brought(show, until_s=3.0)
+        button = shown.page.get_by_role("button", name="expected")
+        expect(button).to_contain_text(
+            "fz \N{MINUS SIGN}20.0 (\N{MINUS SIGN}50.0 \N{HORIZONTAL ELLIPSIS} 10.0)"
+        )
+        button.click()
+        painted(shown)
+        assert inked_rows(shown.page, "force", 2.5, ORANGE) == []
+        expect(button).to_have_attribute("aria-pressed", "false")
+        button.click()
+        painted(shown)
+        assert inked_rows(shown.page, "force", 2.5, ORANGE)
+
+    def test_with_its_channel_it_is_hidden_too(self, show):
+        shown = self.brought(show)
+        reading = shown.page.locator(".panel[data-plot=force]").get_by_role("button", name="fz")
+        reading.click()
+        painted(shown)
+        assert inked_rows(shown.page, "force", 2.5, ORANGE) == []
+        reading.click()
+
+    def test_where_nothing_is_predicted_nothing_is_said(self, show):
+        shown = show(anew=True)
+        shown.server.say(messages.trace(0.0, DT_S, reset=True, fz_N=flat(5.0)))
+        shown.server.say(messages.strokes((1.0, 4.0)))
+        painted(shown)
+        expect(shown.page.locator(".expected")).to_be_hidden()
+
+    def test_a_peak_of_one_sample_is_drawn_in_a_long_window(self, show):
+        shown = show(anew=True)
+        shown.page.get_by_role("button", name="120 s", exact=True).click()
+        peaked = [0.0] * 31
+        peaked[17] = 90.0
+        places = [(3.0 * number, 3.0 * number + 3.0) for number in range(40)]
+        shown.server.say(
+            messages.trace(0.0, 0.12, reset=True, fz_N=flat(-5.0)),
+            messages.strokes(*places),
+            messages.expected(peaked),
+        )
+        painted(shown)
+        for from_s, _ in (places[2], places[30]):
+            assert max(inked_rows(shown.page, "force", from_s + 1.7, ORANGE)) > 80.0
+        shown.page.get_by_role("button", name="8 s", exact=True).click()
 
 
 class TestLeg:
@@ -269,14 +353,17 @@ class TestState:
 
 
 def test_the_player_of_a_recording_fits_a_phone(show):
-    page = show(
+    shown = show(
         messages.hello(mode="replay", can_stop=False, duration_s=6000.0),
         messages.state(5999.5, speed=1.0),
         anew=True,
-    ).page
+    )
+    page = shown.page
     page.set_viewport_size({"width": 390, "height": 844})
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
-    for part in ("#play", "#speed", "#slider", "#clock"):
+    shown.server.say(messages.strokes((5990.0, 5999.0)), messages.expected([1.0] * 91))
+    painted(shown)
+    for part in ("#play", "#speed", "#slider", "#clock", ".expected", "[data-span='120']"):
         box = page.locator(part).bounding_box()
         assert box["x"] >= 0 and box["x"] + box["width"] <= 390, part
     # Every value stands beside the name of its panel.

@@ -9,6 +9,7 @@ import pytest
 from rfca_rig.campaign.stored import open_stored, store_in_memory
 from rfca_rig.clock import TwinClock
 from rfca_rig.errors import BadInput
+from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.recording.model import Column, Recording, Stream, Stroke
 from rfca_rig.recording.store import write_recording
 from rfca_rig.view.leg_pose import Legs
@@ -180,6 +181,48 @@ def test_the_ghost_of_a_stroke_is_where_the_commanded_motion_would_be(run):
     speeds = speed_rad_s * np.minimum(t_s / ramp_s, 1.0)
     by_hand = start_rad + np.sum(0.5 * (speeds[1:] + speeds[:-1]) * np.diff(t_s))
     assert clip.planned_rad(1.0) == pytest.approx(by_hand, abs=1e-6)
+
+
+def test_the_expected_force_of_a_stroke_begins_where_its_recording_has_time_0(run):
+    shown = Shown(run[0])
+    shown.replay.forces.prepare([clip.stroke for clip in shown.replay.player.clips])
+    shown.seek(1.0)
+    got = shown.after(0.04)
+    (placed,) = last(got, "strokes")["strokes"]
+    (clip,) = shown.replay.player.clips
+    streams = run[1].strokes[0].streams
+    earliest_s = min(float(stream.t_s[0]) for stream in streams.values())
+    latest_s = max(float(stream.t_s[-1]) for stream in streams.values())
+    assert placed["from_s"] == pytest.approx(clip.begin_s - earliest_s, abs=1e-6)
+    assert placed["to_s"] == pytest.approx(placed["from_s"] + latest_s, abs=1e-6)
+    expected = last(got, "expected")
+    assert expected["condition"] == placed["condition"]
+    of_model = simulate_stroke_at_speed(
+        twin_rig().model(), 0.215, 3.249, np.arange(0.0, latest_s, 1e-3)
+    )
+    assert expected["channels"]["fz_N"]["value"] == np.round(of_model.fz_N, 4).tolist()
+    later = shown.after(0.2, beats=5)
+    assert {message["kind"] for message in later}.isdisjoint({"expected", "strokes"})
+
+
+def test_the_band_comes_from_the_uncertainty_that_the_recording_states(tmp_path, run):
+    recording = replace(run[1], known_to={"friction_coefficient": 0.05})
+    path = write_recording(recording, tmp_path / "known.h5")
+    for stored in (open_stored(path), store_in_memory(tmp_path, recording)):
+        shown = Shown(stored)
+        shown.replay.forces.prepare([clip.stroke for clip in shown.replay.player.clips])
+        lines = last(shown.feed.new_messages(), "expected")["channels"]["fz_N"]
+        assert max(np.subtract(lines["high"], lines["value"])) > 2.0
+
+
+def test_nothing_is_expected_of_static_stages(small):
+    shown = Shown(small)
+    player = shown.replay.player
+    placed = last(shown.feed.new_messages(), "strokes")["strokes"]
+    strokes = [clip for clip in player.clips if clip.kind == "flap"]
+    assert len(placed) == len(strokes) < len(player.clips)
+    for clip, stroke in zip(strokes, placed, strict=True):
+        assert clip.begin_s <= stroke["from_s"] < stroke["to_s"] == pytest.approx(clip.end_s)
 
 
 def test_static_stages_of_a_run_have_the_samples_behind_their_means(tmp_path):

@@ -1,5 +1,6 @@
 // Force, moment, angle and speed over time: bands from the lowest to the highest value of each bucket, so that no peak is lost.
 
+import { Expected } from "./expected.js";
 import { number, made, element } from "./format.js";
 
 const GAP_S = 0.06; // a slow device leaves buckets without record; longer than this it is silent
@@ -21,6 +22,7 @@ export class Traces {
     this.connection = connection;
     this.panels = [];
     this.spanS = 8;
+    this.expected = new Expected(() => (this.wanted = true));
     this.buttons = SPANS_S.map((seconds) => this.spanButton(seconds));
     new ResizeObserver(() => this.fit()).observe(element("traces"));
   }
@@ -58,6 +60,11 @@ export class Traces {
     return Math.max(this.buckets?.endS ?? 0, this.spanS);
   }
 
+  // what was measured ends here; nothing is expected beyond
+  get endS() {
+    return this.buckets?.endS ?? 0;
+  }
+
   get fromS() {
     return this.toS - this.spanS;
   }
@@ -75,6 +82,7 @@ export class Traces {
   draw() {
     if (!this.buckets) return;
     for (const panel of this.panels) panel.draw();
+    this.expected.tell(this.buckets.t[this.panels[0]?.plot.cursor.idx] ?? this.endS);
   }
 }
 
@@ -132,9 +140,15 @@ class Panel {
           : { ...axis, size: 0, values: () => [] },
         { ...axis, size: 52, gap: 6, space: 15, values: (_, values) => values.map((v) => String(v).replace("-", "−")) },
       ],
+      hooks: { drawAxes: [(plot) => this.drawExpected(plot)] },
       series: [{}, ...series],
       bands,
     };
+  }
+
+  drawExpected(plot) {
+    const shown = this.channels.filter((channel) => !channel.isHidden);
+    this.traces.expected.draw(plot, shown, this.traces.fromS, this.traces.endS);
   }
 
   edge(channel, which) {
@@ -164,7 +178,9 @@ class Panel {
 
   // grows at once, shrinks only when half of it is empty, so that the scale does not breathe
   nextRange() {
-    const seen = this.channels.filter((channel) => !channel.isHidden).map((channel) => this.traces.buckets.extremes(channel.name, this.traces.fromS));
+    const { buckets, expected, fromS, endS } = this.traces;
+    const shown = this.channels.filter((channel) => !channel.isHidden);
+    const seen = shown.flatMap(({ name }) => [buckets.extremes(name, fromS), expected.extremes(name, fromS, endS)]);
     const known = seen.filter((pair) => pair !== null);
     if (!known.length) return this.range;
     const wanted = rounded(Math.min(...known.map((pair) => pair[0])), Math.max(...known.map((pair) => pair[1])));
@@ -209,6 +225,6 @@ function colour(channel) {
 // the least range of round ends around [low, high], with some air
 function rounded(low, high) {
   const size = Math.max(high - low, 0.02 * Math.max(Math.abs(low), Math.abs(high)), 0.1);
-  const step = 10 ** Math.floor(Math.log10(size)) / 2;
+  const step = 10 ** Math.floor(Math.log10(size)) / 5;
   return [step * Math.floor((low - 0.05 * size) / step), step * Math.ceil((high + 0.05 * size) / step)];
 }

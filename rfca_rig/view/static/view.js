@@ -13,7 +13,7 @@ import { Stopping } from "./stopping.js";
 import { Traces } from "./traces.js";
 
 const MARKS = { SIM: "a twin, nothing moves", REAL: "a shaft that moves", IMPORT: "a recording from elsewhere" };
-const TAKES = { hello, trace, state, leg };
+const TAKES = { hello, trace, state, leg, expected, strokes };
 
 const connection = new Connection((message) => TAKES[message.kind]?.(message), checked);
 const alerts = new Alerts();
@@ -33,6 +33,7 @@ function hello(message) {
   showMark(message);
   element("title").textContent = message.title;
   for (const part of parts) part.begin(message);
+  traces.expected.clear();
   if (same) return; // a plan that changed leaves the traces as they are
   shown.buckets = new Buckets(channels);
   traces.begin(message, shown.buckets);
@@ -52,6 +53,14 @@ function trace(message) {
   shown.buckets.add(message);
   shown.buckets.forgetBefore(traces.fromS - 0.1 * traces.spanS); // here, because a page that nobody sees paints nothing
   shown.isNew = true;
+}
+
+function expected(message) {
+  traces.expected.takeCondition(message);
+}
+
+function strokes(message) {
+  traces.expected.takeStrokes(message);
 }
 
 function leg(message) {
