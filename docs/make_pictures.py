@@ -115,6 +115,8 @@ def draw_replay(browser: Browser, folder: Path, run: str, out: Path, every: int 
     with viewed(folder, "view", run) as url:
         page.goto(url)
         page.wait_for_function("() => window.rfcaView?.shown.state")
+        # The expected force is there when the model is compiled.
+        page.wait_for_function("() => rfcaView.traces.expected.byCondition.size > 0")
         page.get_by_text("2 s", exact=True).first.click()
         duration_ms = int(1e3 * page.evaluate("() => rfcaView.replay.durationS"))
         for at_s in (1e-3 * at_ms for at_ms in range(0, duration_ms, every * FRAME_MS)):

@@ -1,5 +1,6 @@
-"""Continues an interrupted run in its own folder: as it stands on disk, its rig compared key by
-key, and both parts joined.
+"""Continues an interrupted run in its own folder: as it stands on disk, and both parts joined.
+
+`rig_compatibility` compares the present rig, camera, devices and software with those of the run.
 """
 
 import json
@@ -12,8 +13,6 @@ import numpy as np
 
 from rfca_rig.bench.stage_photos import photo_hashes, read_stage_photos
 from rfca_rig.clock import Clock
-from rfca_rig.description.rig_file import RigFile, read_rig
-from rfca_rig.devices.own import packages_of, texts_of
 from rfca_rig.errors import TRIP, BadInput
 from rfca_rig.protocol.plan import Plan
 from rfca_rig.protocol.written_plan import PlanProgress, parse_plan
@@ -23,7 +22,6 @@ from rfca_rig.recording.model import Recording, StaticStage
 from rfca_rig.recording.run_text import Ending, events_of, read_ending, read_header
 from rfca_rig.recording.store import outline_of
 from rfca_rig.suggestions import not_there
-from rfca_rig.toml import model_of, read_text
 from rfca_rig.vision.leg_photo import PhotoSetup
 
 RESUMED = "run resumed"
@@ -40,11 +38,9 @@ CARRIED_ENDING_KEYS = (
     "standstill",
     "interrupted",
 )
+# Keys of what devices report of themselves.
+DEVICE_PREFIXES = ("motor_", "sensor_", "camera")
 NO_REASON_RECORDED = "it ended without a word: a crash, or a power cut"
-
-NOMINAL_SECTIONS = ("leg", "ground", "sensor", "drive", "effects", "known_to")
-# All analyses use one nominal model per recording, so these values may not change within a run.
-FIXED = (*(f"{section}." for section in NOMINAL_SECTIONS), "rig.kind")
 
 
 @dataclass(frozen=True)
@@ -53,7 +49,8 @@ class InterruptedRun:
     stages so far and their photos' angles.
 
     `why` is the last reason to stop. `last_seen` has both clocks of the last event that states
-    them. `ending` is what its end states, `resumed` how often it was continued before.
+    them. `ending` is what its end states, `resumed` how often it was continued before. `devices` is
+    what the devices of its last part reported of themselves.
     """
 
     folder: Path
@@ -65,6 +62,7 @@ class InterruptedRun:
     last_seen: Mapping[str, str | float]
     ending: Mapping[str, str]
     resumed: int
+    devices: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def has_tripped(self) -> bool:
@@ -122,8 +120,11 @@ def read_interrupted_run(folder: Path) -> InterruptedRun:
             f"check {folder}"
         )
     carried_ending = {}
+    devices = {**header.provenance}
     # Without the photos, which are listed again.
     if ending is not None:
+        # A drive tells its firmware and its serial number after it was energised.
+        devices.update(ending.provenance)
         for name, text in ending.provenance.items():
             if name in CARRIED_ENDING_KEYS:
                 carried_ending[name] = text
@@ -142,6 +143,7 @@ def read_interrupted_run(folder: Path) -> InterruptedRun:
         last_seen={name: last[name] for name in ("t_s", "utc") if name in last},
         ending=carried_ending,
         resumed=sum(event["event"] == RESUMED for event in events),
+        devices={name: text for name, text in devices.items() if name.startswith(DEVICE_PREFIXES)},
     )
 
 
@@ -174,10 +176,10 @@ def reopen_run(
     clock: Clock,
     operator: str,
     seed: int | None,
-    rig_changes: Mapping[str, str],
+    changes: Mapping[str, Mapping[str, object]],
 ) -> None:
-    """Reopens the run's folder; records when and why it had stopped, who continues it, and what
-    has changed.
+    """Reopens the run's folder; records when and why it had stopped, who continues it, and what is
+    not as before (`rig_compatibility.changes_of_event`).
     """
     event = {
         "event": RESUMED,
@@ -195,8 +197,7 @@ def reopen_run(
     }
     if seed is not None:
         event["seed"] = seed
-    if rig_changes:
-        event["rig_changes"] = dict(rig_changes)
+    event.update(changes)
     run_folder.reopen(begun.folder, event, begun.resumed)
 
 
@@ -235,95 +236,3 @@ def _with_photos_read(
     for number, stage in zip(unread, read, strict=True):
         stages[number] = stage
     return tuple(stages)
-
-
-@dataclass(frozen=True)
-class PresentRig:
-    """The present rig file, and its changes since the run began: the new value by key, as text."""
-
-    rig: RigFile
-    text: str
-    changes: Mapping[str, str] = field(default_factory=dict)
-
-
-def read_compatible_rig(begun: InterruptedRun, path: Path, deliberately: bool) -> PresentRig:
-    """The rig file in `path`. Raises BadInput, naming the keys, where it differs from the run's and
-    `deliberately` is False.
-
-    The nominal model of leg and surroundings may never change within a run: one recording has one
-    nominal model.
-    """
-    now = read_rig(path)
-    text = read_text(path)
-    before = model_of(begun.header.provenance["rig_file"], RigFile, begun.folder / "rig_file")
-    # A lab's driver or a curve may change while the rig file that names it stays the same. Compared
-    # as validated models, so that comments, order and defaults of the text make no difference.
-    old, new = (
-        dict(_flat(rig.model_dump(mode="json"), ""))
-        for rig in (before, model_of(text, RigFile, path))
-    )
-    changes = {
-        **{
-            key: str(new.get(key, "gone"))
-            for key in sorted({*old, *new})
-            if old.get(key) != new.get(key)
-        },
-        **_other_drivers(begun, now),
-        **_other_curve(begun, before, now),
-    }
-    fixed = [key for key in changes if key.startswith(FIXED)]
-    if fixed:
-        raise BadInput(
-            f"{path}: {_list_keys(fixed)} not as the run began with; one run has one "
-            "belief, so begin a new one"
-        )
-    if changes and not deliberately:
-        raise BadInput(
-            f"{path}: {_list_keys(list(changes))} not as the run began with; to go on "
-            f"with it as it stands, say --rig {path}"
-        )
-    return PresentRig(now, text, changes)
-
-
-def _list_keys(keys: list[str]) -> str:
-    shown = ", ".join(keys[:4])
-    if len(keys) > 4:
-        shown += f" and {len(keys) - 4} more"
-    if len(keys) == 1:
-        return f"{shown} is"
-    return f"{shown} are"
-
-
-def _other_drivers(begun: InterruptedRun, now: RigFile) -> dict[str, str]:
-    """Files of a lab's own devices whose text has changed, and an installed package whose
-    version has, as they are now.
-    """
-    before = begun.header.provenance
-    present = {**texts_of(now.motor, now.force_sensor), **packages_of(now.motor, now.force_sensor)}
-    return {name: text for name, text in present.items() if before.get(name, text) != text}
-
-
-def _other_curve(begun: InterruptedRun, before: RigFile, now: RigFile) -> dict[str, str]:
-    """The file of a torque-rotation curve, if its values have changed. A run with a model file
-    does not use the rig file's curve.
-    """
-    section = before.leg.torque_rotation
-    if section is None or section.curve is None or "model_file" in begun.header.provenance:
-        return {}
-    old, new = (
-        model["leg"].get("torque_rotation") for model in (begun.header.nominal, now.nominal())
-    )
-    if old == new:
-        return {}
-    return {"leg.torque_rotation.curve": section.curve}
-
-
-def _flat(values: Mapping[str, Any], above: str) -> list[tuple[str, Any]]:
-    pairs: list[tuple[str, Any]] = []
-    for key, value in values.items():
-        name = f"{above}{key}"
-        if isinstance(value, dict):
-            pairs += _flat(value, f"{name}.")
-        else:
-            pairs.append((name, value))
-    return pairs

@@ -5,6 +5,7 @@ Lines about a stage are held back until the recorder has acknowledged that the s
 """
 
 from collections import deque
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,15 @@ from pathlib import Path
 from rfca_rig.bench import provenance
 from rfca_rig.bench.provenance import Outcome
 from rfca_rig.bench.recorder import Recorder
-from rfca_rig.bench.resume import ending_of, reopen_run
+from rfca_rig.bench.resume import InterruptedRun, ending_of, reopen_run
+from rfca_rig.bench.rig_compatibility import (
+    CALIBRATION_KEY,
+    Change,
+    Noted,
+    changes_of_event,
+    compare_devices,
+    compare_software,
+)
 from rfca_rig.cli.progress import make_marked_say, progress
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.terminal import Say
@@ -103,13 +112,26 @@ def open_folder(config: RunConfig, folder: Path, bench: Bench) -> None:
     if config.begun is None:
         run_folder.create(folder, _header(config, bench))
     else:
+        changes, noted = compare_devices_with_run(config, config.begun, bench)
+        software = compare_software(config.begun, provenance.software_and_host(bench))
         reopen_run(
             config.begun,
             bench.clock,
             provenance.operator(config.operator),
             config.twin_seed,
-            config.rig_changes,
+            changes_of_event(
+                {**config.rig_changes, **changes}, {**config.noted_changes, **noted, **software}
+            ),
         )
+
+
+def compare_devices_with_run(
+    config: RunConfig, begun: InterruptedRun, bench: Bench
+) -> tuple[Mapping[str, Change], Noted]:
+    """Accepted and harmless differences of the devices. Raises BadInput for others."""
+    return compare_devices(
+        begun, provenance.devices(bench), config.rig_name, config.accepts_changes
+    )
 
 
 def note_end(recorder: Recorder, why: str) -> None:
@@ -243,6 +265,8 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
         texts["model_file"] = config.model_text
     if config.eye:
         texts["camera_file"] = config.camera_text
+    if config.camera_path:
+        named[CALIBRATION_KEY] = config.camera_path
     # A lab's own drivers and effects are part of the rig: without their text the recording could
     # not be explained.
     texts |= texts_of(config.rig.motor, config.rig.force_sensor)

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from rfca_rig.bench.fault_injection import FaultInjection
 from rfca_rig.bench.resume import InterruptedRun
+from rfca_rig.bench.rig_compatibility import Change, Noted
 from rfca_rig.cli.paths import find_file, find_rig
 from rfca_rig.description.model_file import ModelFile, read_model_file
 from rfca_rig.description.rig_file import RigFile, read_rig
@@ -35,11 +36,13 @@ class RunConfig:
     runs go, how much to print.
 
     A `model` replaces the nominal model of the rig file; a twin stays as its rig file describes it.
-    `eye` is set where photos are to be taken, with the text of the camera's calibration. `rig_name`
-    is the name of the rig as typed, for finding its file again.
+    `eye` is set where photos are to be taken, with the text of the camera's calibration;
+    `camera_path` is where it was, if it is not the rig file's. `rig_name` is the name of the rig as
+    typed, for finding its file again.
 
     `begun` is set where a stopped run is continued. `plan` is then the rest of its plan, and
-    `rig_changes` are the changes of the rig file.
+    `rig_changes` are the changes of the rig file, `noted_changes` those that change no data. With
+    `accepts_changes`, devices may be others than the run began with.
     """
 
     rig: RigFile
@@ -54,9 +57,12 @@ class RunConfig:
     model_text: str = ""
     eye: PhotoSetup | None = None
     camera_text: str = ""
+    camera_path: str = ""
     rig_name: str = ""
     begun: InterruptedRun | None = None
-    rig_changes: Mapping[str, str] = field(default_factory=dict)
+    rig_changes: Mapping[str, Change] = field(default_factory=dict)
+    noted_changes: Noted = field(default_factory=dict)
+    accepts_changes: bool = False
     operator: str = ""
     sample: str = ""
     viewing: Viewing | None = None
@@ -123,11 +129,13 @@ def make_run_config(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]
     # The calibration file need not exist where no photo is to be taken.
     if asked.camera is not None and rig.camera is None:
         raise BadInput(f"--camera {asked.camera}: {asked.rig} has no [camera]; add that section")
+    camera_path = ""
     if rig.camera is None or not plan.photos:
         eye = None
         camera_text = ""
     elif asked.camera is not None:
         camera_text = read_text(asked.camera)
+        camera_path = str(asked.camera)
         eye = rig.eye_behind(camera_text, asked.camera)
     else:
         eye = rig.eye()
@@ -150,6 +158,7 @@ def make_run_config(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]
         model_text=model_text,
         eye=eye,
         camera_text=camera_text,
+        camera_path=camera_path,
         rig_name=asked.rig,
         operator=asked.operator,
         sample=asked.sample,

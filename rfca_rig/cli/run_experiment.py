@@ -23,6 +23,7 @@ from rfca_rig.cli.attach_view import attach_view, twin_clock
 from rfca_rig.cli.finalize_run import (
     AcknowledgedLines,
     FinishedRun,
+    compare_devices_with_run,
     finish,
     finish_cut_short,
     note_end,
@@ -338,6 +339,9 @@ def _record(
         ExitStack() as signals,
         ExitStack() as helpers,
     ):
+        if config.begun is not None:
+            # Before anything is energised. What a drive tells only then is compared afterwards.
+            compare_devices_with_run(config, config.begun, bench)
         # Before the folder is made: a drive that is refused leaves no empty run behind.
         armed = prove_drive(config, bench) if bench.is_real else {}
         folder, keeper = _begin_recording(config, bench, started)

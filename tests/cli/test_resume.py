@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rfca_rig.bench import provenance
 from rfca_rig.recording.atomic import AppendOnlyFile
 from rfca_rig.recording.journal import BlockKind, parse_blocks
 from rfca_rig.recording.layout import journals, stage_files
@@ -213,8 +214,8 @@ def test_another_rig_is_refused_by_the_names_of_its_keys_unless_it_is_meant(
     said = typed(monkeypatch, capsys, "resume", run)
     assert said.exit_code == 2
     assert (
-        "rig.toml: limits.force_N, motor.node_id are not as the run began with; to go on "
-        "with it as it stands, say --rig"
+        "rig.toml: limits.force_N is 200.0 and was 300.0, motor.node_id is 3 and was 0; to go on "
+        "with it, say --rig"
     ) in said.err
     said = typed(monkeypatch, capsys, "resume", run, "--rig", here / "rig.toml", "--dry-run")
     assert said.exit_code == 0
@@ -224,11 +225,80 @@ def test_another_rig_is_refused_by_the_names_of_its_keys_unless_it_is_meant(
     )
     said = typed(monkeypatch, capsys, "resume", run, "--rig", here / "rig.toml")
     assert (
-        "ground.friction_coefficient is not as the run began with; one run has one belief"
+        "ground.friction_coefficient is 0.42 and was 0.41; one run has one nominal model"
         in said.err
     )
     (here / "rig.toml").write_text(rig + "# only a word more\n")
     assert typed(monkeypatch, capsys, "resume", run, "--dry-run").exit_code == 0
+
+
+def change_header(run, **facts):
+    header = json.loads((run / "run.json").read_text())
+    header["provenance"] |= facts
+    (run / "run.json").write_text(json.dumps(header))
+
+
+@pytest.mark.slow
+def test_another_sensor_is_refused_before_anything_moves_unless_it_is_meant(
+    stopped, here, monkeypatch, capsys
+):
+    run = stopped("")
+    now = json.loads((run / "run.json").read_text())["provenance"]
+    change_header(
+        run,
+        sensor_counts_per_N="500000.0",
+        motor_bus="another",
+        rfca_rig_version="0.0.1",
+        motor_encoder_frames_lost="7",
+    )
+    before = (run / "events.jsonl").read_bytes()
+
+    def never(*_words):
+        raise AssertionError("nothing may run")
+
+    with monkeypatch.context() as patched:
+        patched.setattr("rfca_rig.cli.run_experiment.run_plan", never)
+        said = typed(monkeypatch, capsys, "resume", run)
+    counts = now["sensor_counts_per_N"]
+    assert said.exit_code == 2
+    assert said.err.splitlines()[-1].endswith(
+        f"run: sensor_counts_per_N is {counts} and was 500000.0; to go on with this "
+        "device, say --rig rig.toml"
+    )
+    assert (run / "events.jsonl").read_bytes() == before
+    said = typed(monkeypatch, capsys, "resume", run, "--rig", here / "rig.toml")
+    assert said.exit_code == 0
+    (resumed,) = [event for event in events_of(run) if event["event"] == "run resumed"]
+    assert resumed["rig_changes"] == {"sensor_counts_per_N": counts}
+    assert resumed["noted"] == {
+        "motor_bus": {"before": "another", "now": now["motor_bus"]},
+        "rfca_rig_version": {"before": "0.0.1", "now": now["rfca_rig_version"]},
+    }
+    assert typed(monkeypatch, capsys, "check", run).exit_code == 0
+    assert typed(monkeypatch, capsys, "report", run, "--out", "report").exit_code == 0
+    page = (here / "report" / "run.html").read_text()
+    assert f"sensor_counts_per_N {counts}" in page and "rfca rig version" in page
+
+
+@pytest.mark.slow
+def test_a_drive_that_tells_its_number_only_once_it_is_armed_is_compared_then(
+    stopped, monkeypatch, capsys
+):
+    run = stopped("")
+    change_header(run, motor_serial_number="1111")
+    before = {file: file.read_bytes() for file in run.rglob("*") if file.is_file()}
+    told = iter(("unknown", "2222"))
+    of_devices = provenance.devices
+
+    def devices(bench):
+        return {**of_devices(bench), "motor_serial_number": next(told)}
+
+    monkeypatch.setattr(provenance, "devices", devices)
+    said = typed(monkeypatch, capsys, "resume", run)
+    assert said.exit_code == 2
+    assert "motor_serial_number is 2222 and was 1111; to go on with this device" in said.err
+    assert next(told, None) is None
+    assert {file: file.read_bytes() for file in run.rglob("*") if file.is_file()} == before
 
 
 @pytest.mark.slow

@@ -187,7 +187,7 @@ def _loop_gaps(story: RunStory) -> PageSection | None:
     lines = [legend_line("var(--measured)", 5, "ticks")]
     late_ms = None
     if late_s is not None:
-        late_ms = tuple(1e3 * (late_s + period_s) for period_s in (TICK_S, HOLD_PERIOD_S))
+        late_ms = (1e3 * (late_s + TICK_S), 1e3 * (late_s + HOLD_PERIOD_S))
         caption += (
             f" A tick that comes more than {1e3 * late_s:g} ms late ends the run: a gap of "
             f"{late_ms[0]:g} to {late_ms[1]:g} ms."

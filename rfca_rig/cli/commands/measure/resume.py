@@ -10,6 +10,7 @@ from rfca_rig.cli.terminal import echo
 
 if TYPE_CHECKING:
     from rfca_rig.bench.resume import InterruptedRun
+    from rfca_rig.bench.rig_compatibility import Noted
     from rfca_rig.cli.run_config import RunConfig
 
 
@@ -86,7 +87,7 @@ def resume(
 def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: bool) -> "RunConfig":
     from dataclasses import replace
 
-    from rfca_rig.bench.resume import read_compatible_rig
+    from rfca_rig.bench.rig_compatibility import check_camera_file, read_compatible_rig
     from rfca_rig.cli.close_the_loop import nominal_model_of
     from rfca_rig.cli.paths import check_trusted, find_rig
     from rfca_rig.cli.run_config import RunConfig
@@ -114,7 +115,9 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
     camera_text = ""
     if remaining_plan.photos:
         camera_text = stored.get("camera_file", "")
+    noted: Noted = {}
     if camera_text:
+        noted = check_camera_file(begun, now.rig)
         eye = now.rig.eye_behind(camera_text, begun.folder / "camera_file")
     return RunConfig(
         rig=now.rig,
@@ -133,6 +136,8 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
         rig_name=name,
         begun=begun,
         rig_changes=now.changes,
+        noted_changes=noted,
+        accepts_changes=rig is not None,
     )
 
 
