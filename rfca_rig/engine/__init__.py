@@ -7,6 +7,6 @@
 4. `stopping` is the one way a run stops, for a stop request as for a trip. Its `Sink` takes what a
    stage measured.
 
-`interfaces` defines what comes from outside: the bench, stop requests, and observers, which see
-every tick.
+`loop_gaps` counts the times between ticks. `interfaces` defines what comes from outside: the bench,
+stop requests, and observers, which see every tick.
 """

@@ -2,5 +2,6 @@
 and `replay.replay`.
 
 A run puts its ticks into `run_queue`. A separate `process` reads them and serves pages (`server`).
-`replay` plays recordings through the same interface, `messages.Feed`.
+`replay` plays recordings through the same interface, `messages.Feed`. What the model expects comes
+from `leg_pose` and `expected_force`, both computed in the view's process.
 """

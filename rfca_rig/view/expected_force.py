@@ -65,19 +65,27 @@ class ExpectedForces:
             if known is None or stroke.duration_s > known.duration_s:
                 longest[stroke.condition] = stroke
         for condition, stroke in longest.items():
-            with suppress(RigError):
-                force = predict_force(
-                    self._rig,
-                    self._known_to,
-                    stroke.height_m,
-                    stroke.speed_rad_s,
-                    stroke.duration_s,
-                )
+            force = _predict(self._rig, self._known_to, stroke)
+            if force is not None:
                 self._messages[condition] = _message(condition, force)
 
     def message(self, condition: str) -> Message | None:
         """What a page is sent of a condition; None while there is no prediction."""
         return self._messages.get(condition)
+
+
+def _predict(
+    rig: RigModel, known_to: Mapping[str, float], stroke: ExpectedStroke
+) -> PredictedForce | None:
+    """With its band; without one where a value moved by its uncertainty gives no stroke. None where
+    the stroke itself cannot be simulated.
+    """
+    for stated in (known_to, {}):
+        with suppress(RigError):
+            return predict_force(
+                rig, stated, stroke.height_m, stroke.speed_rad_s, stroke.duration_s
+            )
+    return None
 
 
 def _message(condition: str, force: PredictedForce) -> Message:

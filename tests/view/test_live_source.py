@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rfca_rig.drivers.roles import SensorScale
 from rfca_rig.engine.limit_monitor import LoadMonitor
-from rfca_rig.errors import Tripped
+from rfca_rig.errors import SimulationFailed, Tripped
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Cycles, Flap, whole_turns
@@ -318,17 +318,33 @@ def test_the_expected_force_begins_at_the_commanded_start_and_is_sent_once(monke
     assert expected["dt_s"] == 1e-3
 
 
-def test_a_model_that_cannot_be_read_or_computed_expects_nothing():
+def test_a_model_that_cannot_be_read_or_computed_expects_nothing(monkeypatch):
     stroke = ExpectedStroke(0.215, 3.249, 0.5)
-    rig = twin_rig()
-    without = {"k0_relative": 1e9}
-    for nominal, known_to in (({}, {}), ({"leg": {}}, {}), (rig.nominal(), without)):
-        forces = expected_force.ExpectedForces(nominal, known_to)
-        with np.errstate(over="ignore"):
-            forces.prepare([stroke, None])
+    nominal = twin_rig().nominal()
+    for unreadable in ({}, {"leg": {}}):
+        forces = expected_force.ExpectedForces(unreadable, {})
+        forces.prepare([stroke, None])
         assert forces.message(stroke.condition) is None
-    forces = expected_force.ExpectedForces(rig.nominal(), {})
+
+    def fail(*_words):
+        raise SimulationFailed("no step is short enough")
+
+    monkeypatch.setattr(expected_force, "predict_force", fail)
+    forces = expected_force.ExpectedForces(nominal, {})
     forces.prepare([stroke])
+    assert forces.message(stroke.condition) is None
+
+
+@pytest.mark.parametrize(
+    "known_to",
+    [{}, {"k0_relative": 1e9}, {"command_delay_ms": 3.0}],
+    ids=["none is stated", "out of reach", "of no value of the model"],
+)
+def test_without_a_band_the_line_is_sent_alone(known_to):
+    stroke = ExpectedStroke(0.215, 3.249, 0.5)
+    forces = expected_force.ExpectedForces(twin_rig().nominal(), known_to)
+    with np.errstate(over="ignore"):
+        forces.prepare([stroke])
     assert set(forces.message(stroke.condition)["channels"]["fz_N"]) == {"value"}
 
 
