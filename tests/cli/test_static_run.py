@@ -381,7 +381,10 @@ def test_another_calibration_reads_the_same_photos_of_the_twins_own_camera(
     again = json.loads(said.out)
     photo = answer["stages"][0]["photo"]
     assert (here / again["run"] / photo).read_bytes() == (folder / photo).read_bytes()
-    assert read_recording(here / again["run"] / "run.h5").provenance["camera_file"] == other
+    known = read_recording(here / again["run"] / "run.h5").provenance
+    assert known["camera_file"] == other
+    # Where a continuation finds it again.
+    assert known["calibration_file"] == "other.toml"
     apart_deg = np.abs(
         np.subtract(again["stages"][0]["hinge_deg"], answer["stages"][0]["hinge_deg"])
     )
