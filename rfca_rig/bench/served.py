@@ -150,7 +150,11 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
             reached.add(slcan, slcan=slcan.path)
         if rig.motor.fd_bitrate is not None:
             # A port for CAN FD frames, which the other ports cannot carry.
-            fdcanusb = FdcanusbPort(wire)
+            rates = {
+                "can.bitrate": rig.motor.bitrate,
+                "can.fd_bitrate": rig.motor.fd_bitrate,
+            }
+            fdcanusb = FdcanusbPort(wire, rates)
             reached.add(fdcanusb, fdcanusb=fdcanusb.path)
         bus = TamperedBus(wire.join(), panel, drive_faults_of(rig).dialect)
         stack.callback(bus.shutdown)

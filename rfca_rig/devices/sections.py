@@ -49,7 +49,7 @@ class MotorSection(Section):
     direction: Literal[1, -1] = Field(
         description="-1 where the drive counts up while the leg turns up"
     )
-    interface: str = Field(default="socketcan", description="interface of python-can")
+    interface: str = Field(default="socketcan", description="interface of python-can, or fdcanusb")
     channel: str = Field(default="can0", description="channel of that interface")
     bitrate: Annotated[int, Field(gt=0)] = Field(default=1_000_000, description="bits/s of the bus")
     guardian: bool | None = Field(

@@ -14,11 +14,13 @@ from typing import Any
 import can
 
 from rfca_rig.devices.checks import CanBusObservation, Finding, green, red, yellow
+from rfca_rig.drivers import fdcanusb
 
 BUS_SUBJECT = "CAN bus"
 # Fix and commands for the interfaces of python-can whose drivers have to be installed or set up.
 REMEDIES = {
     "socketcand": "start socketcand, or rfca-rig twin serve, and say where it is:",
+    "fdcanusb": "check channel under [motor], and that no other program has the port:",
     "slcan": "check the path of the serial port in channel under [motor], and who may open it",
     "pcan": (
         "install PEAK's driver (on Linux its kernel driver does: interface = 'socketcan'), "
@@ -32,6 +34,7 @@ REMEDIES = {
 COMMANDS = {
     "socketcand": """export CAN_CONFIG='{"host": "127.0.0.1", "port": 29536}'""",
     "gs_usb": 'pip install "python-can[gs-usb]"',
+    "fdcanusb": "ls -l /dev/serial/by-id",
 }
 
 CAN_INTERFACE_SUBJECT = "CAN interface"
@@ -60,7 +63,7 @@ FINDABLE = (
 def judge_can_bus(
     seen: CanBusObservation, interface: str, channel: str, known: tuple[str, ...]
 ) -> Finding:
-    """Finding on the bus. `known` are the interfaces of python-can."""
+    """Finding on the bus. `known` are the interfaces of python-can, and fdcanusb."""
     name = f"{interface} {channel}"
     if interface not in known:
         return red(
@@ -322,9 +325,9 @@ def _query_ip(channel: str) -> dict[str, Any]:
 def look_for_adapters() -> tuple[tuple[str, str], ...]:
     """All adapters as (interface, channel). Interfaces without an installed driver find none."""
     configurations = can.detect_available_configs(FINDABLE)
-    return tuple(
-        sorted(
-            (str(configuration["interface"]), str(configuration["channel"]))
-            for configuration in configurations
-        )
-    )
+    adapters = [
+        (str(configuration["interface"]), str(configuration["channel"]))
+        for configuration in configurations
+    ]
+    adapters += [(fdcanusb.INTERFACE, port) for port in fdcanusb.find_adapters()]
+    return tuple(sorted(adapters))

@@ -51,6 +51,7 @@ from rfca_rig.doctor.ports import (
     look_for_adapters,
     make_up_command,
 )
+from rfca_rig.drivers.can_frames import list_interfaces
 from rfca_rig.drivers.photo_files import list_pictures
 from rfca_rig.drivers.roles import ForceSensor, Photo, Photographer, ShaftMotor
 from rfca_rig.errors import BadInput, DeviceError, RigError
@@ -63,7 +64,6 @@ SILENT_S = 0.5
 DRIVE = "drive"
 SENSOR = "force sensor"
 NEXT = "try the driver without the device first:"
-KNOWN = tuple(sorted(can.VALID_INTERFACES))
 SHAFT = "shaft"
 LISTEN_S = 0.3
 
@@ -241,7 +241,7 @@ def check_drive(motor: MotorSection, listener: Listener) -> Iterator[Finding]:
 
 
 def _bus(motor: MotorSection, seen: CanBusObservation) -> Finding:
-    return judge_can_bus(seen, motor.interface, motor.channel, KNOWN)
+    return judge_can_bus(seen, motor.interface, motor.channel, list_interfaces())
 
 
 def check_camera(rig: RigFile, clock: Clock) -> Iterator[Finding]:

@@ -12,6 +12,7 @@ from importlib import import_module
 import can
 
 from rfca_rig.clock import Clock
+from rfca_rig.drivers import fdcanusb
 from rfca_rig.drivers.guard import GuardianTorqueOff
 from rfca_rig.errors import DeviceError
 
@@ -206,10 +207,15 @@ def _failure(
             return None
 
 
+def list_interfaces() -> tuple[str, ...]:
+    """Names of all interfaces that `CanBusSettings` opens, in alphabetical order."""
+    return tuple(sorted({*can.VALID_INTERFACES, fdcanusb.INTERFACE}))
+
+
 @dataclass(frozen=True)
 class CanBusSettings:
     """Arguments of `can.Bus`; python-can's own configuration (`CAN_CONFIG`, can.conf) supplies the
-    rest.
+    rest. The interface "fdcanusb", which python-can lacks, is opened here.
 
     `data_bitrate` is the bit rate of the CAN-FD data phase, None for classic CAN.
     """
@@ -230,6 +236,8 @@ class CanBusSettings:
 
     def open(self) -> can.BusABC:
         """Opens the bus; the caller shuts it down. Raises what python-can raises."""
+        if self.interface == fdcanusb.INTERFACE:
+            return fdcanusb.FdcanusbBus(self.channel, self.bitrate, self.data_bitrate)
         if self.interface == "socketcand":
             # Small frames must not wait for the acknowledgement of the ones before, up to 40 ms.
             # Windows has no such option.

@@ -6,13 +6,14 @@ import os
 import pty
 import tty
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import can
 
 from rfca_rig.codecs import classic_can, fdcanusb
 from rfca_rig.codecs.classic_can import ClassicFrame
-from rfca_rig.codecs.fdcanusb import FdFrame
+from rfca_rig.codecs.fdcanusb import AdapterFrame
 from rfca_rig.errors import MalformedFrame
 from rfca_rig.twin_server.tcp import TcpClient, accept_all, is_http, listening_tcp
 from rfca_rig.twins.wires import CanEnd
@@ -24,6 +25,8 @@ FRAME_DELAY_S = 0.05
 
 # Limit of the send queue in bytes.
 MAX_QUEUED_BYTES = 1 << 18
+# Settings of a fdcanusb from the factory, in bits/s.
+FDCANUSB_RATES = {"can.bitrate": 1_000_000, "can.fd_bitrate": 5_000_000}
 VERSION = b"V1013"
 SERIAL_NUMBER = b"NTWIN"
 
@@ -320,16 +323,18 @@ class SlcanPort(_SerialAdapter):
 
 
 class FdcanusbPort(_SerialAdapter):
-    """Answers `can on`, `can off` and `can send`, and forwards every frame of the bus; refuses
-    everything else.
+    """Answers `can on`, `can off`, `can send` and `conf get`, and forwards every frame of the bus;
+    refuses everything else. The bus is on until it is switched off, as with today's adapters.
 
     Every sent line carries a checksum. Once a received line had one, all must have one, as on the
-    UART of a drive.
+    UART of a drive. `rates` are the adapter's settings.
     """
 
-    def __init__(self, wire: SharedWire) -> None:
+    def __init__(self, wire: SharedWire, rates: Mapping[str, int] = FDCANUSB_RATES) -> None:
         super().__init__(wire)
+        self._rates = rates
         self._checksums_asked = False
+        self._is_on = True
 
     def address(self) -> str:
         return f"fdcanusb {self.path}"
@@ -352,34 +357,44 @@ class FdcanusbPort(_SerialAdapter):
                 return "ERR checksum required"
             self._checksums_asked |= has_checksum
             if text in {"can on", "can off"}:
-                return "OK"
+                return self._switch(text == "can on")
+            if text.startswith("conf get "):
+                return str(self._rates.get(text.removeprefix("conf get "), "ERR error reading"))
             frame = fdcanusb.decode_send(text)
         except MalformedFrame as error:
             return f"ERR {error}"
+        if not self._is_on:
+            return "ERR not in BusOn state"
         self._end.send(
             can.Message(
                 arbitration_id=frame.can_id,
                 data=frame.data,
                 is_extended_id=frame.extended,
-                is_fd=True,
+                is_fd=frame.fd,
                 bitrate_switch=frame.bitrate_switch,
+                is_remote_frame=frame.remote,
             )
         )
         return "OK"
 
+    def _switch(self, on: bool) -> str:
+        if on == self._is_on:
+            return f"ERR already in {'BusOn' if on else 'BusOff'}"
+        self._is_on = on
+        # Frames that nobody fetched are not those of the next client.
+        self._waiting.clear()
+        return "OK"
+
     def _queue_frames(self) -> None:
         while (message := self._end.recv(timeout=0)) is not None:
-            # The adapter carries CAN-FD frames only.
-            if (
-                message.is_fd
-                and not message.is_error_frame
-                and len(self._waiting) < MAX_QUEUED_BYTES
-            ):
+            if self._is_on and not message.is_error_frame and len(self._waiting) < MAX_QUEUED_BYTES:
                 self._waiting += fdcanusb.encode_received(
-                    FdFrame(
+                    AdapterFrame(
                         message.arbitration_id,
                         bytes(message.data),
                         message.is_extended_id,
                         message.bitrate_switch,
+                        message.is_fd,
+                        message.is_remote_frame,
                     )
                 )

@@ -56,12 +56,16 @@ def test_a_frame_goes_onto_the_bus_and_the_answer_comes_back(port) -> None:
     bus.send(
         can.Message(arbitration_id=0x100, data=b"\x21\x00\x0a", is_fd=True, is_extended_id=False)
     )
-    assert sorted(answers(opened, line, b"can on\n", 2)) == ["OK", "rcv 0100 21000A e b F"]
+    assert sorted(answers(opened, line, b"conf get can.bitrate\n", 2)) == [
+        "1000000",
+        "rcv 0100 21000A e b F r",
+    ]
 
 
 def test_what_it_cannot_do_is_refused_and_once_guarded_all_lines_must_be(port) -> None:
     opened, bus, line = port
-    assert answers(opened, line, b"conf get x\n")[0].startswith("ERR not an order")
+    assert answers(opened, line, b"tel list\n")[0].startswith("ERR not an order")
+    assert answers(opened, line, b"conf get x\n") == ["ERR error reading"]
     assert answers(opened, line, b"can send 8001 00 *00\n")[0].startswith("ERR checksum mismatch")
     assert answers(opened, line, fdcanusb.encode_line("can send 8001 1100")) == ["OK"]
     assert answers(opened, line, b"can send 8001 1100\n") == ["ERR checksum required"]
@@ -70,10 +74,25 @@ def test_what_it_cannot_do_is_refused_and_once_guarded_all_lines_must_be(port) -
     assert bus.recv(timeout=0) is None
 
 
-def test_classic_frames_are_not_told(port) -> None:
+def test_classic_frames_pass_both_ways(port) -> None:
     opened, bus, line = port
     bus.send(can.Message(arbitration_id=0x100, data=b"\x21\x00\x0a", is_extended_id=False))
-    assert answers(opened, line, b"can on\ncan off\n", 2) == ["OK", "OK"]
+    assert sorted(answers(opened, line, b"can std 12 0A bf\n", 2)) == [
+        "OK",
+        "rcv 0100 21000A e b f r",
+    ]
+    message = bus.recv(timeout=0)
+    assert (message.arbitration_id, message.is_fd, message.is_extended_id) == (0x12, False, False)
+
+
+def test_it_says_nothing_of_the_bus_while_it_is_off(port) -> None:
+    opened, bus, line = port
+    assert answers(opened, line, b"can on\n") == ["ERR already in BusOn"]
+    assert answers(opened, line, b"can off\n") == ["OK"]
+    bus.send(can.Message(arbitration_id=0x100, data=b"\x21", is_extended_id=False))
+    assert answers(opened, line, b"can send 12 0A\n") == ["ERR not in BusOn state"]
+    assert answers(opened, line, b"can on\ncan send 12 0A\n", 2) == ["OK", "OK"]
+    assert bus.recv(timeout=0).arbitration_id == 0x12
 
 
 def talk(rig_file: Path, conversation: Callable[[Any, Any], Awaitable[None]]) -> None:
