@@ -2,14 +2,16 @@
 speaks as one.
 """
 
+import os
+import select
 import time
 from collections import deque
+from typing import Any
 
 import can
 
 from rfca_rig.codecs import fdcanusb
 from rfca_rig.codecs.fdcanusb import AdapterFrame
-from rfca_rig.drivers.ports import SerialPort
 from rfca_rig.errors import MalformedFrame
 
 INTERFACE = "fdcanusb"
@@ -22,7 +24,7 @@ PRODUCTS = ("fdcanusb", "mjcanfd")
 # Time for the answer to a command, in s. An adapter takes milliseconds; the twin server on a busy
 # machine takes longer.
 ANSWER_S = 1.0
-# Time in which the system takes a line, in s: it holds some 40 of them. Torque-off frames, which
+# Time in which the system takes a line, in s: it holds a hundred of them. Torque-off frames, which
 # are sent again if they are not taken, have 20 ms in all.
 WRITE_S = 5e-3
 POLL_S = 5e-4
@@ -52,8 +54,8 @@ class FdcanusbBus(can.BusABC):
         self._messages = deque[can.Message]()
         self._refusal: str | None = None
         self._has_checksums = False
-        # Set where the system took only a part of a line.
-        self._is_cut = False
+        # The rest of a line of which the system took only a part.
+        self._cut = b""
         try:
             self._switch_on()
             self._check_rate("can.bitrate", bitrate)
@@ -112,19 +114,35 @@ class FdcanusbBus(can.BusABC):
         self._write(line)
 
     def _write(self, line: bytes) -> None:
-        import serial  # noqa: PLC0415 (no other bus needs it)
+        """Writes a line, after what is left of one that was cut. A line that the adapter did not
+        begin to take is forgotten.
+        """
+        until_s = time.monotonic() + WRITE_S
+        self._cut = self._push(self._cut, until_s)
+        left = line
+        if not self._cut:
+            left = self._push(line, until_s)
+            if left != line:
+                self._cut = left
+        if left:
+            raise can.CanOperationError("the adapter takes no more frames")
 
-        if self._is_cut:
-            # Ends what is left of the line before; the adapter refuses that.
-            line = b"\n" + line
+    def _push(self, data: bytes, until_s: float) -> bytes:
+        """Writes as much as the system takes until then; returns what is left."""
         try:
-            self._port.write(line)
-        except serial.SerialTimeoutException as error:
-            self._is_cut = True
-            raise can.CanOperationError("the adapter takes no more frames") from error
+            while data and self._is_writable(until_s):
+                # Takes at once what there is room for.
+                data = data[self._port.write(data) :]
         except (OSError, ValueError) as error:
             raise can.CanOperationError(f"{GONE}: {error}") from error
-        self._is_cut = False
+        return data
+
+    def _is_writable(self, until_s: float) -> bool:
+        # Windows cannot wait for a port; its buffer grows as needed.
+        if os.name == "nt":
+            return True
+        left_s = max(until_s - time.monotonic(), 0.0)
+        return bool(select.select([], [self._port], [], left_s)[1])
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         until_s = time.monotonic() + (timeout or 0.0)
@@ -202,16 +220,13 @@ class FdcanusbBus(can.BusABC):
         self._port.close()
 
 
-def _open_port(channel: str) -> SerialPort:
+def _open_port(channel: str) -> Any:
     import serial  # noqa: PLC0415 (no other bus needs it)
 
     try:
-        port: SerialPort = serial.Serial(
-            channel, UART_BITS_PER_S, timeout=0, write_timeout=WRITE_S, exclusive=True
-        )
+        return serial.Serial(channel, UART_BITS_PER_S, timeout=0, write_timeout=0, exclusive=True)
     except (OSError, ValueError) as error:
         raise can.CanInitializationError(str(error)) from error
-    return port
 
 
 def find_adapters() -> tuple[str, ...]:
