@@ -5,6 +5,7 @@ are now, what the rig file needs, and how they are written, here or in the maker
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isnan
 
 
 @dataclass(frozen=True)
@@ -39,6 +40,9 @@ class Setting:
         """Whether the drive is known to have another value than the rig file needs."""
         if self.wanted is None or self.actual is None:
             return False
+        # NaN is what some drives have for "none".
+        if isnan(self.wanted) or isnan(self.actual):
+            return isnan(self.wanted) != isnan(self.actual)
         # Drives keep numbers of 32 bits.
         return abs(self.actual - self.wanted) > 1e-6 * max(abs(self.wanted), 1.0)
 

@@ -9,12 +9,15 @@ from hypothesis import strategies as st
 from rfca_rig.codecs.fdcanusb import FD_LENGTHS
 from rfca_rig.devices.moteus import codec as moteus
 from rfca_rig.devices.moteus.codec import (
+    ClientStreamData,
     Mode,
     Read,
     Refusal,
     Register,
     Reply,
     Route,
+    ServerStreamData,
+    StreamPoll,
     Width,
     Write,
     fault_text,
@@ -173,13 +176,33 @@ def test_a_length_that_can_fd_does_not_have_is_malformed(length: int) -> None:
         ("11 80 80 80 80 80 01", "more than five bytes"),
         ("11 ff ff ff ff 7f", "beyond 32 bits"),
         ("10 ff ff ff ff 0f 00", "4294967295 registers"),
-        ("41 01 02", "0x41 is neither"),
+        ("41 01 02", "2 bytes too early"),
+        ("43 01 02", "0x43 is neither"),
         ("ff", "0xff is neither"),
     ],
 )
 def test_bytes_that_make_no_sense_are_told_apart(data: str, said: str) -> None:
     with pytest.raises(MalformedFrame, match=said):
         moteus.decode(bytes.fromhex(data))
+
+
+@pytest.mark.parametrize(
+    ("subframe", "data"),
+    [
+        (ClientStreamData(1, b"d stop\n"), "40 01 07 64 20 73 74 6f 70 0a 50 50"),
+        (ServerStreamData(1, b"OK\r\n"), "41 01 04 4f 4b 0d 0a"),
+        (ServerStreamData(1, b""), "41 01 00"),
+        (StreamPoll(1, 61), "42 01 3d"),
+    ],
+)
+def test_the_stream_has_the_documented_bytes(subframe: moteus.Subframe, data: str) -> None:
+    assert moteus.encode([subframe]) == bytes.fromhex(data)
+    assert moteus.decode(bytes.fromhex(data)) == [subframe]
+
+
+@given(st.binary(max_size=moteus.MAX_STREAM_BYTES))
+def test_the_bytes_of_a_stream_survive_the_wire(data: bytes) -> None:
+    assert moteus.decode(moteus.encode([ClientStreamData(1, data)])) == [ClientStreamData(1, data)]
 
 
 def test_an_empty_subframe_says_nothing() -> None:

@@ -44,6 +44,7 @@ MOTEUS = {
     "encoder-jump": r"^position leapt by 6\.2[89] rad",
     "watchdog-trip": r"^mode 11 \(timeout",
     "over-temperature": r"^fault 38 \(over temperature",
+    "factory-settings": r"^the drive restarted",
     "drive-restart": r"^the drive restarted, its millisecond counter began again",
     "drive-hot": r"^nothing$",
     "temperature-stuck": r"^nothing$",

@@ -1,11 +1,13 @@
 """moteus multiplex frames on CAN-FD, both directions, and the registers that are used here, with
 the scales of their values; pure.
 
-Sources: moteus reference, "CAN Protocol" and "Register Usage". Little-endian throughout. A frame is
-a sequence of subframes. Each has a type byte, a count (in the type's two low bits, or a varuint
-where these are zero), the first register, and for writes and replies the values. The frame is
-padded with NOP to the next length that CAN-FD has. Values are in the register's physical unit, see
-`units_per_count`: revolutions of the output, N m, A, V, degrees Celsius, seconds.
+Sources: moteus reference, "CAN Protocol" and "Register Usage"; mjlib, multiplex/format.h ("Tunneled
+Stream"). Little-endian throughout. A frame is a sequence of subframes. Those of registers have a
+type byte, a count (in the type's two low bits, or a varuint where these are zero), the first
+register, and for writes and replies the values. The frame is padded with NOP to the next length
+that CAN-FD has. Values are in the register's physical unit, see `units_per_count`: revolutions of
+the output, N m, A, V, degrees Celsius, seconds. The other subframes carry a stream of bytes both
+ways, which the drive sends only when it is polled.
 """
 
 import struct
@@ -231,6 +233,9 @@ _READ = 0x10
 _REPLY = 0x20
 _WRITE_ERROR = 0x30
 _READ_ERROR = 0x31
+_CLIENT_DATA = 0x40
+_SERVER_DATA = 0x41
+_CLIENT_POLL = 0x42
 _NOP = 0x50
 _FORMS = {
     width: struct.Struct(form) for width, form in zip(Width, ("<b", "<h", "<i", "<f"), strict=True)
@@ -272,7 +277,35 @@ class Refusal:
     of_write: bool
 
 
-Subframe = Write | Read | Reply | Refusal
+@dataclass(frozen=True, slots=True)
+class ClientStreamData:
+    """Bytes to the drive on a channel of its stream."""
+
+    channel: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class ServerStreamData:
+    """Bytes from the drive on a channel of its stream; none where it has nothing to say."""
+
+    channel: int
+    data: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class StreamPoll:
+    """Asks for the bytes that the drive has on a channel, `max_bytes` at most."""
+
+    channel: int
+    max_bytes: int
+
+
+# Type, channel and length, in one byte each.
+MAX_STREAM_BYTES = MAX_FRAME_BYTES - 3
+
+StreamSubframe = ClientStreamData | ServerStreamData | StreamPoll
+Subframe = Write | Read | Reply | Refusal | StreamSubframe
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,7 +371,8 @@ def encode(subframes: Sequence[Subframe]) -> bytes:
 
 
 def _can_join(subframe: Subframe, next_one: Subframe) -> bool:
-    if isinstance(subframe, Refusal) or isinstance(next_one, Refusal):
+    alone = Refusal | StreamSubframe
+    if isinstance(subframe, alone) or isinstance(next_one, alone):
         return False
     return (
         type(subframe) is type(next_one)
@@ -354,6 +388,8 @@ def _run(run: Sequence[Subframe]) -> bytes:
         if first.of_write:
             kind = _WRITE_ERROR
         return bytes([kind]) + _varuint(first.register) + _varuint(first.code)
+    if isinstance(first, StreamSubframe):
+        return _encode_stream(first)
     base = {Write: _WRITE, Read: _READ, Reply: _REPLY}[type(first)] | first.width << 2
     # Counts up to three fit into the type byte.
     if len(run) <= 3:
@@ -363,9 +399,19 @@ def _run(run: Sequence[Subframe]) -> bytes:
     values = (
         _pack(item.register, item.width, item.value)
         for item in run
-        if not isinstance(item, Read | Refusal)
+        if isinstance(item, Write | Reply)
     )
     return head + _varuint(first.register) + b"".join(values)
+
+
+def _encode_stream(subframe: StreamSubframe) -> bytes:
+    if isinstance(subframe, StreamPoll):
+        return bytes([_CLIENT_POLL]) + _varuint(subframe.channel) + _varuint(subframe.max_bytes)
+    kind = _SERVER_DATA
+    if isinstance(subframe, ClientStreamData):
+        kind = _CLIENT_DATA
+    head = bytes([kind]) + _varuint(subframe.channel) + _varuint(len(subframe.data))
+    return head + subframe.data
 
 
 def _pack(register: int, width: Width, value: float) -> bytes:
@@ -446,11 +492,17 @@ def _subframes(reader: "_Reader") -> list[Subframe]:
         return []
     if kind in {_WRITE_ERROR, _READ_ERROR}:
         return [Refusal(reader.varuint(), reader.varuint(), kind == _WRITE_ERROR)]
+    if kind == _CLIENT_POLL:
+        return [StreamPoll(reader.varuint(), reader.varuint())]
+    if kind == _CLIENT_DATA:
+        return [ClientStreamData(reader.varuint(), reader.take(reader.varuint()))]
+    if kind == _SERVER_DATA:
+        return [ServerStreamData(reader.varuint(), reader.take(reader.varuint()))]
     base = kind & 0xF0
     width = Width(kind >> 2 & 3)
     if base not in {_WRITE, _READ, _REPLY}:
         raise MalformedFrame(
-            f"moteus subframe 0x{kind:02x} is neither write, read, reply, error nor NOP"
+            f"moteus subframe 0x{kind:02x} is neither write, read, reply, error, stream nor NOP"
         )
     return _registers(reader, base, width, kind & 3 or reader.varuint())
 
@@ -499,6 +551,11 @@ class _Reader:
         self._need(1)
         self._at += 1
         return self._data[self._at - 1]
+
+    def take(self, count: int) -> bytes:
+        self._need(count)
+        self._at += count
+        return self._data[self._at - count : self._at]
 
     def varuint(self) -> int:
         value = 0

@@ -2,23 +2,28 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import inf, isinf, isnan, nan, tau
 
 import can
 
-from rfca_rig.devices.moteus import codec
+from rfca_rig.devices.moteus import codec, console
 from rfca_rig.devices.moteus.codec import (
+    ClientStreamData,
     Mode,
     Read,
     Refusal,
     Register,
     Reply,
     Route,
+    ServerStreamData,
+    StreamPoll,
     Subframe,
     Width,
     Write,
 )
 from rfca_rig.devices.moteus.section import MoteusSection
+from rfca_rig.devices.moteus.twin_console import MoteusConsole
 from rfca_rig.errors import MalformedFrame
 from rfca_rig.twin_server.faults import (
     DRIVE_FAULTS,
@@ -52,6 +57,7 @@ IDENTITY_REGISTERS: dict[int, float] = {
 # Fault codes.
 NOT_CONFIGURED = 36
 OVER_TEMPERATURE = 38
+OUTSIDE_LIMIT = 39
 OTHER_PROGRAM_ID = 5
 # Step of the fault `encoder-jump`.
 JUMP_TURNS = 1.0
@@ -101,7 +107,15 @@ class MoteusLoop:
     def __init__(self, gains: MoteusGains) -> None:
         self._gains = gains
         self._command = PositionCommand()
+        # Limits of the target in rad (servopos.position_min and position_max).
+        self._lowest_rad = -inf
+        self._highest_rad = inf
         self.reset()
+
+    def limit_target(self, lowest_rad: float, highest_rad: float) -> None:
+        """From now on the target stays within these limits."""
+        self._lowest_rad = lowest_rad
+        self._highest_rad = highest_rad
 
     def reset(self) -> None:
         """Clears target and integrator, as every mode without a position does."""
@@ -117,7 +131,10 @@ class MoteusLoop:
             command = replace(command, speed_rad_s=0.0)
         self._command = command
         if not isnan(command.angle_rad):
-            self._target_rad = command.angle_rad
+            self._target_rad = self._clip(command.angle_rad)
+
+    def _clip(self, target_rad: float) -> float:
+        return min(max(target_rad, self._lowest_rad), self._highest_rad)
 
     def law(self, shaft: ShaftState) -> ShaftDrive:
         """Torque law, limited at the beginning of the step. Beyond the limit the whole law is
@@ -138,10 +155,11 @@ class MoteusLoop:
         command = self._command
         gains = self._gains
         kp = gains.kp_Nm_per_rad * command.kp_scale
+        speed_rad_s = self._target_speed_rad_s()
         feed_Nm = command.feed_forward_Nm + self._integral_Nm
         # A spring to a fixed angle would lag behind a moving target, so its force is held for the
         # step.
-        if command.speed_rad_s != 0.0:
+        if speed_rad_s != 0.0:
             feed_Nm += kp * (self._target_rad - shaft.angle_rad)
             kp = 0.0
         return ShaftDrive(
@@ -149,8 +167,17 @@ class MoteusLoop:
             angle_gain_Nm_per_rad=kp,
             angle_rad=self._target_rad,
             speed_gain_Nm_s_per_rad=gains.kd_Nm_s_per_rad * command.kd_scale,
-            speed_rad_s=command.speed_rad_s,
+            speed_rad_s=speed_rad_s,
         )
+
+    def _target_speed_rad_s(self) -> float:
+        """Speed of the target; none at a limit that it runs into."""
+        speed_rad_s = self._command.speed_rad_s
+        if speed_rad_s > 0.0 and self._target_rad >= self._highest_rad:
+            return 0.0
+        if speed_rad_s < 0.0 and self._target_rad <= self._lowest_rad:
+            return 0.0
+        return speed_rad_s
 
     def _limit_Nm(self) -> float:
         if isnan(self._command.torque_limit_Nm):
@@ -163,12 +190,12 @@ class MoteusLoop:
         """Advances the target, and the integrator by the mean error of the step; at the torque
         limit it is held (anti-windup).
         """
-        moved_rad = self._command.speed_rad_s * elapsed_s
+        moved_rad = self._target_speed_rad_s() * elapsed_s
         # Mean error of the step: target and shaft at their middle (trapezoidal rule).
         error_rad = self._target_rad + 0.5 * moved_rad - 0.5 * (before.angle_rad + after.angle_rad)
         if not self._limited:
             self._integral_Nm += self._gains.ki_Nm_per_rad_s * error_rad * elapsed_s
-        self._target_rad += moved_rad
+        self._target_rad = self._clip(self._target_rad + moved_rad)
 
 
 def damping(gains: MoteusGains, shaft: ShaftState, limit_Nm: float) -> ShaftDrive:
@@ -187,7 +214,8 @@ class MoteusTwinSettings:
 
     With `keeps_timeouts` False the drive has no watchdog. `arming_fault` is the fault code that
     every attempt to start ends in; 0 for a healthy drive. In a timeout the drive brakes with at
-    most `timeout_torque_Nm` (servo.timeout_max_torque_Nm).
+    most `timeout_torque_Nm` (servo.timeout_max_torque_Nm). With `is_new` it has the settings of the
+    factory instead, until others are written and saved.
     """
 
     drive_id: int = 1
@@ -203,6 +231,7 @@ class MoteusTwinSettings:
     temperature_degC: float = 30.0
     keeps_timeouts: bool = True
     arming_fault: int = 0
+    is_new: bool = False
     warming: ThermalParameters = field(default_factory=ThermalParameters)
 
 
@@ -212,7 +241,8 @@ class MoteusTwin(DriveTwin):
     A world advances it in steps: `take_frames`, `drive`, then, after the plant has moved,
     `advance`. Answers are sent in `drive`. They show the shaft at that time, and the mode before
     the command in the same frame, as the firmware does. Trajectories under velocity or acceleration
-    limits are not planned: targets take effect at once. The diagnostic stream is not answered.
+    limits are not planned: targets take effect at once. The diagnostic stream takes the commands of
+    `MoteusConsole`; id, prefix, timeout and limits of the position act as set there.
     """
 
     tells_temperature = True
@@ -229,6 +259,11 @@ class MoteusTwin(DriveTwin):
         self.encoder = Encoder()
         self.warmth = MotorThermalModel(settings.warming)
         self._answers: list[Callable[[ShaftState], None]] = []
+        self._console = MoteusConsole(
+            _saved_settings(settings), partial(self._stop, Mode.STOPPED, 0)
+        )
+        if settings.is_new:
+            self._console.reset_to_factory()
 
     def take_frames(self, now_s: float) -> None:
         """Executes received frames; invalid ones are ignored. Commands feed the watchdog,
@@ -247,10 +282,15 @@ class MoteusTwin(DriveTwin):
         self._check_watchdog()
 
     def _is_mine(self, route: Route) -> bool:
-        return (
-            route.destination == self._settings.drive_id
-            and route.prefix == self._settings.can_prefix
-        )
+        return route.destination == self._drive_id and route.prefix == self._can_prefix
+
+    @property
+    def _drive_id(self) -> int:
+        return int(self._console[console.ID])
+
+    @property
+    def _can_prefix(self) -> int:
+        return int(self._console[console.CAN_PREFIX])
 
     def _take(self, route: Route, data: bytes | bytearray) -> None:
         try:
@@ -258,6 +298,7 @@ class MoteusTwin(DriveTwin):
         except MalformedFrame:
             # The firmware does not report invalid frames either.
             return
+        self._pass_on_stream(route, subframes)
         reads = [item for item in subframes if isinstance(item, Read)]
         # Saved before the writes: the answer shows the mode before the command in the same frame.
         mode = self._mode
@@ -269,6 +310,22 @@ class MoteusTwin(DriveTwin):
                     route, [*refusals, *self._read_registers(reads, mode, fault, shaft)]
                 )
             )
+
+    def _pass_on_stream(self, route: Route, subframes: list[Subframe]) -> None:
+        """Passes the bytes of a stream to the console, and its answers back. Data are answered as
+        polls are, if a reply is wanted.
+        """
+        for item in subframes:
+            if isinstance(item, ClientStreamData) and item.channel == console.CHANNEL:
+                self._console.take(item.data)
+                max_bytes = codec.MAX_STREAM_BYTES
+            elif isinstance(item, StreamPoll) and item.channel == console.CHANNEL:
+                max_bytes = min(item.max_bytes, codec.MAX_STREAM_BYTES)
+            else:
+                continue
+            if route.wants_reply:
+                answer = ServerStreamData(item.channel, self._console.give(max_bytes))
+                self._answer(route, [answer])
 
     def _obey(self, writes: list[Write]) -> list[Refusal]:
         """Executes writes; returns the refused ones. Writing the mode resets all command
@@ -336,12 +393,28 @@ class MoteusTwin(DriveTwin):
             self._mode = mode
         self._wanted = mode
         if mode == Mode.POSITION:
+            self._loop.limit_target(*self._limits_rad())
             self._loop.take(self._in_force)
+
+    def _limits_rad(self) -> tuple[float, float]:
+        """The lowest and the highest angle that servopos allows."""
+        limits_rad = [
+            (turns - self._settings.zero_turns) * self._rad_per_turn
+            for turns in (self._console[console.POSITION_MIN], self._console[console.POSITION_MAX])
+        ]
+        # The drive may count against the angle.
+        if self._rad_per_turn < 0.0:
+            limits_rad.reverse()
+        lowest_rad, highest_rad = limits_rad
+        return (
+            -inf if isnan(lowest_rad) else lowest_rad,
+            inf if isnan(highest_rad) else highest_rad,
+        )
 
     def _check_watchdog(self) -> None:
         # A command without a timeout uses the default; NaN switches the timeout off.
         running = self._mode not in {Mode.STOPPED, Mode.FAULT, Mode.TIMEOUT}
-        limit_s = self._in_force.timeout_s or self._settings.default_timeout_s
+        limit_s = self._in_force.timeout_s or self._console[console.DEFAULT_TIMEOUT]
         if (
             running
             and self._settings.keeps_timeouts
@@ -359,8 +432,11 @@ class MoteusTwin(DriveTwin):
         self._stop(Mode.FAULT, code)
 
     def restart(self) -> None:
-        """Power cycle: no torque, and the millisecond counter starts at zero."""
+        """Power cycle: no torque, the millisecond counter starts at zero, and settings that were
+        not saved are lost.
+        """
         self._stop(Mode.STOPPED, 0)
+        self._console.start()
         self._powered_s = self._now_s
 
     def _stop(self, mode: Mode, fault: int) -> None:
@@ -374,11 +450,24 @@ class MoteusTwin(DriveTwin):
         self._answers = []
         for answer in answers:
             answer(shaft)
+        if self._mode == Mode.CALIBRATING and self._wanted == Mode.POSITION:
+            self._check_limits(shaft)
         if self._mode == Mode.POSITION:
             return self._loop.law(shaft)
         if self._mode in {Mode.TIMEOUT, Mode.ZERO_VELOCITY}:
-            return damping(self._settings.gains, shaft, self._settings.timeout_torque_Nm)
+            return damping(self._settings.gains, shaft, self._console[console.TIMEOUT_TORQUE])
         return ShaftDrive()
+
+    def _check_limits(self, shaft: ShaftState) -> None:
+        """A drive outside the limits of its position does not start."""
+        lowest_rad, highest_rad = self._limits_rad()
+        if not lowest_rad <= shaft.angle_rad <= highest_rad:
+            self.set_error(OUTSIDE_LIMIT)
+
+    def reset_to_factory(self) -> None:
+        """The drive as it is delivered, with the power just switched on."""
+        self._console.reset_to_factory()
+        self.restart()
 
     def advance(
         self,
@@ -429,7 +518,7 @@ class MoteusTwin(DriveTwin):
 
     def _answer(self, route: Route, subframes: list[Subframe]) -> None:
         identifier = codec.arbitration_id(
-            Route(self._settings.drive_id, route.source, prefix=self._settings.can_prefix)
+            Route(self._drive_id, route.source, prefix=self._can_prefix)
         )
         self._bus.send(
             can.Message(
@@ -449,7 +538,7 @@ class MoteusTwin(DriveTwin):
             Write(Register.COMMAND_VELOCITY, Width.FLOAT, 5.0),
         )
         identifier = codec.arbitration_id(
-            Route(OTHER_PROGRAM_ID, self._settings.drive_id, prefix=self._settings.can_prefix)
+            Route(OTHER_PROGRAM_ID, self._drive_id, prefix=self._can_prefix)
         )
         return (
             can.Message(
@@ -475,6 +564,19 @@ class MoteusTwin(DriveTwin):
     @property
     def _torque_ratio(self) -> float:
         return self._settings.direction * self._settings.gear_ratio
+
+
+def _saved_settings(settings: MoteusTwinSettings) -> dict[str, float]:
+    """Settings of a drive that was set up for its rig, by their names in the drive."""
+    return {
+        console.ID: settings.drive_id,
+        console.CAN_PREFIX: settings.can_prefix,
+        console.POSITION_MIN: nan,
+        console.POSITION_MAX: nan,
+        console.DEFAULT_TIMEOUT: settings.default_timeout_s,
+        console.TIMEOUT_TORQUE: settings.timeout_torque_Nm,
+        console.POLES: 14,
+    }
 
 
 def _wrap(count: int) -> int:
@@ -505,6 +607,7 @@ def moteus_events(motor: MoteusTwin) -> Mapping[str, Callable[[], None]]:
     return {
         "watchdog-trip": motor.time_out,
         "over-temperature": lambda: motor.set_error(OVER_TEMPERATURE),
+        "factory-settings": motor.reset_to_factory,
         **drive_events(motor),
     }
 
@@ -514,6 +617,7 @@ FAULTS = DriveFaults(
         Fault("encoder-jump", "the drive's position reads one turn more"),
         Fault("watchdog-trip", "the drive times out, though commands reach it", once=True),
         Fault("over-temperature", "the drive stops with fault 38, over temperature", once=True),
+        Fault("factory-settings", "the drive has its settings from the factory, id 1", once=True),
         *DRIVE_FAULTS,
     ),
     moteus_events,
