@@ -222,11 +222,11 @@ def test_the_lines_for_the_makers_tool_do_the_same() -> None:
         setup = new.setup()
         lines = setup.list_lines(wrong(setup.read()))
         assert lines == (
-            "python -m moteus.moteus_tool --target 1 --console",
+            "python -m moteus_gui.tview --target 1",
             "conf set servopos.position_min nan",
             "conf set servopos.position_max nan",
             "conf set id.id 3",
-            "python -m moteus.moteus_tool --target 3 --console",
+            "python -m moteus_gui.tview --target 3",
             "conf write",
         )
         for line in lines:

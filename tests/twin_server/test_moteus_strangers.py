@@ -4,6 +4,8 @@ speaks as a fdcanusb does.
 
 import asyncio
 import math
+import subprocess
+import sys
 import time
 from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
@@ -13,7 +15,11 @@ import can
 import pytest
 import serial
 
+from rfca_rig.clock import WallClock
 from rfca_rig.codecs import fdcanusb
+from rfca_rig.description.rig_file import read_rig
+from rfca_rig.devices.drive_setup import Setting
+from rfca_rig.devices.moteus.setup import MoteusSetup
 from rfca_rig.twin_server.can_ports import FdcanusbPort, SharedWire
 from tests.bench.test_moteus_and_odrive_rigs import MOTEUS, rig_with
 from tests.twin_server.server import serving
@@ -144,3 +150,79 @@ def test_its_controller_learns_that_the_served_drive_timed_out(tmp_path: Path) -
         await controller.set_stop()
 
     talk(tmp_path / "rig.toml", conversation)
+
+
+@pytest.mark.realtime
+def test_its_stream_reads_writes_and_saves_settings_of_the_served_drive(tmp_path: Path) -> None:
+    rig_with(tmp_path, MOTEUS)
+
+    async def conversation(controller: Any, moteus: Any) -> None:
+        stream = moteus.Stream(controller)
+        await stream.write_message(b"tel stop")
+        await stream.flush_read()
+
+        async def get(name: bytes) -> float:
+            return float(await stream.command(b"conf get " + name, allow_any_response=True))
+
+        assert await get(b"id.id") == 3.0
+        assert math.isnan(await get(b"servopos.position_min"))
+        await stream.command(b"conf set servo.default_timeout_s 0.5")
+        await stream.command(b"conf write")
+        await stream.command(b"conf set servo.default_timeout_s 0.2")
+        assert await get(b"servo.default_timeout_s") == pytest.approx(0.2)
+        await stream.command(b"conf load")
+        assert await get(b"servo.default_timeout_s") == 0.5
+        with pytest.raises(moteus.CommandError, match="error setting"):
+            await stream.command(b"conf set servo.no_such 1")
+
+    talk(tmp_path / "rig.toml", conversation)
+
+
+@pytest.mark.realtime
+def test_its_tool_and_ours_agree_on_the_settings_of_a_new_drive(tmp_path: Path) -> None:
+    """It writes what ours says that the rig needs; then ours finds nothing wrong."""
+    pytest.importorskip(
+        "moteus", reason="moteus is not installed; it comes with the extra 'third-party-clients'"
+    )
+    rig_with(tmp_path, MOTEUS)
+
+    def use_tool(port: str, target: int, *words: str) -> str:
+        command = [sys.executable, "-m", "moteus.moteus_tool", "--fdcanusb", port]
+        done = subprocess.run(
+            [*command, "--target", str(target), *words],
+            capture_output=True,
+            text=True,
+            timeout=120.0,
+            check=False,
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    def wrong_at(port: str) -> tuple[list[Setting], tuple[str, ...]]:
+        """Wrong settings as ours finds them, and the lines that it proposes for all but the id."""
+        keys = read_rig(tmp_path / "rig.toml").motor.model_copy(
+            update={"interface": "fdcanusb", "channel": port}
+        )
+        with keys.open() as bus:
+            setup = MoteusSetup(keys, bus, WallClock())
+            wrong = [setting for setting in setup.read() if setting.is_wrong]
+            return wrong, setup.list_lines([one for one in wrong if one.name != "id.id"])
+
+    with serving("--rig", str(tmp_path / "rig.toml")) as server:
+        port = str(server.ports["fdcanusb"])
+        assert server.told("on factory-settings") == "ok\n"
+        listed = use_tool(port, 1, "--dump-config")
+        assert "servopos.position_min -0.01" in listed
+        assert "id.id 1" in listed
+        wrong, lines = wrong_at(port)
+        assert {setting.name for setting in wrong} == {
+            "id.id",
+            "servopos.position_min",
+            "servopos.position_max",
+        }
+        file = tmp_path / "settings.cfg"
+        file.write_text("\n".join(line for line in lines if line.startswith("conf ")))
+        use_tool(port, 1, "--write-config", str(file))
+        assert server.told("on drive-restart") == "ok\n"
+        wrong, _ = wrong_at(port)
+        assert [setting.name for setting in wrong] == ["id.id"]

@@ -302,8 +302,8 @@ def _set_line(setting: Setting) -> str:
 
 
 def _tool_line(drive_id: int, prefix: int) -> str:
-    """The line that opens the maker's console to a drive."""
-    line = f"python -m moteus.moteus_tool --target {drive_id} --console"
+    """The line that starts the maker's window, where commands to a drive are typed."""
+    line = f"python -m moteus_gui.tview --target {drive_id}"
     if prefix:
         line += f" --can-prefix {prefix}"
     return line

@@ -1,0 +1,113 @@
+"""A moteus on a fdcanusb as on a real rig, wall clock and all; the far end of the serial line is
+the twin server.
+"""
+
+import builtins
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rfca_rig.bench.factory import open_bench
+from rfca_rig.clock import WallClock
+from rfca_rig.description.rig_file import RigFile, read_rig
+from rfca_rig.devices import load_object
+from rfca_rig.devices.moteus import DEVICE
+from rfca_rig.drivers.roles import StreamHealth
+from rfca_rig.engine.run import prove_stop, run_plan
+from rfca_rig.errors import DeviceError, Tripped
+from rfca_rig.recording.model import Stroke
+from tests.bench.test_moteus_and_odrive_rigs import MOTEUS, rig_with
+from tests.cli.typed import typed
+from tests.engine.rigs import nothing, one_condition
+from tests.twin_server.server import Server, serving
+from tests.twin_server.test_real_run import InMemory
+
+
+def write_real_rig(folder: Path, served: Server) -> Path:
+    """The served twin's rig file, as one writes it for a real rig at those addresses."""
+    text = (folder / "rig.toml").read_text().partition("[twin]")[0]
+    text = text.replace('kind = "twin"', 'kind = "real"')
+    motor = f'[motor]\ninterface = "fdcanusb"\nchannel = "{served.ports["fdcanusb"]}"\n'
+    sensor = (
+        f'[force_sensor]\nhost = "{served.host}"\nport = {served.rdt[1]}\nconfiguration = '
+        f'"http"\nhttp_port = {served.ports["http_port"]}\n'
+    )
+    text = text.replace("[motor]\n", motor).replace("[force_sensor]\n", sensor)
+    file = folder / "real.toml"
+    file.write_text(text)
+    return file
+
+
+def run_once(rig: RigFile) -> tuple[Stroke, StreamHealth, dict[str, str]]:
+    with open_bench(rig, None) as bench:
+        assert 0.05 < prove_stop(bench) < 0.5
+        sink = InMemory(bench.sensor.scale())
+        run_plan(one_condition(rig), bench, sink, nothing)
+        return sink.strokes[0], bench.sensor.health(), bench.motor.identity()
+
+
+@pytest.mark.realtime
+def test_one_stroke_is_run_over_the_adapter_as_in_simulated_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A busy machine may be late, and a twin that lost time is pulled along by targets that did
+    not: the trip is right, and the stroke tried again.
+    """
+    twin = rig_with(tmp_path, MOTEUS)
+    with serving("--rig", str(tmp_path / "rig.toml")) as served:
+
+        def hand(prompt: str) -> str:
+            height_mm = re.search(r"^REAL motor off. Set the rack to ([\d.]+) mm", prompt)[1]
+            assert served.told(f"height {height_mm}") == "ok\n"
+            return ""
+
+        monkeypatch.setattr(builtins, "input", hand)
+        rig = read_rig(write_real_rig(tmp_path, served))
+        for attempt in range(5):
+            try:
+                stroke, health, identity = run_once(rig)
+                break
+            except (Tripped, DeviceError) as trip:
+                assert "adapter" not in str(trip), trip
+                assert attempt < 4, trip
+    assert health.malformed == 0
+    assert identity["bus"] == f"fdcanusb {served.ports['fdcanusb']}"
+    assert identity["can_error_frames"] == "0"
+    with open_bench(twin, 1) as simulated:
+        sink = InMemory(simulated.sensor.scale())
+        run_plan(one_condition(twin), simulated, sink, nothing)
+    expected = sink.strokes[0].streams["shaft"].columns["shaft_angle_rad"].values
+    turned = stroke.streams["shaft"].columns["shaft_angle_rad"].values
+    assert np.ptp(turned) == pytest.approx(np.ptp(expected), abs=0.1)
+
+
+@pytest.mark.realtime
+def test_the_doctor_finds_the_drive_behind_the_adapter_and_the_settings_that_are_wrong(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rig_with(tmp_path, MOTEUS)
+    with serving("--rig", str(tmp_path / "rig.toml")) as served:
+        file = write_real_rig(tmp_path, served)
+        said = typed(monkeypatch, capsys, "doctor", "--rig", file, "--runs", tmp_path, "--json")
+        findings = {one["subject"]: one for one in json.loads(said.out)["findings"]}
+        assert findings["CAN bus"]["seen"] == f"fdcanusb {served.ports['fdcanusb']} opens"
+        assert findings["drive"]["seen"].startswith("moteus 3, 24.0 V")
+        served.told("on factory-settings")
+        keys = read_rig(file).motor
+        with keys.open() as bus:
+            setup = load_object(DEVICE.setup or "")(keys, bus, WallClock())
+            wrong = [setting for setting in setup.read() if setting.is_wrong]
+            assert [setting.name for setting in wrong] == [
+                "id.id",
+                "servopos.position_min",
+                "servopos.position_max",
+            ]
+            setup.write(wrong)
+            setup.save()
+        served.told("on drive-restart")
+        with keys.open() as bus:
+            setup = load_object(DEVICE.setup or "")(keys, bus, WallClock())
+            assert not any(setting.is_wrong for setting in setup.read())
