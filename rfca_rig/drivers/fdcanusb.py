@@ -133,6 +133,8 @@ class FdcanusbBus(can.BusABC):
             while data and self._is_writable(until_s):
                 # Takes at once what there is room for.
                 data = data[self._port.write(data) :]
+                if time.monotonic() > until_s:
+                    break
         except (OSError, ValueError) as error:
             raise can.CanOperationError(f"{GONE}: {error}") from error
         return data

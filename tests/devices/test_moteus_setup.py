@@ -199,11 +199,20 @@ def test_a_drive_that_another_program_runs_is_left_alone() -> None:
             running.setup().read()
 
 
-def test_half_a_command_of_a_program_before_is_not_completed() -> None:
+def test_half_a_command_of_a_program_before_is_refused_and_its_reports_are_ended() -> None:
     with drive(drive_id=3) as ready:
+        executed: list[str] = []
+        execute = ready.twin._console._execute
+
+        def note(line: str) -> list[str]:
+            executed.append(line)
+            return execute(line)
+
+        ready.twin._console._execute = note
         send(ready.observer, ClientStreamData(1, b"conf set servo.max_current_A 5"))
         ready.run(0.01)
         assert by_name(ready.setup().read())["servo.max_current_A"].actual == 100.0
+        assert executed[:2] == ["conf set servo.max_current_A 5tel stop", "tel stop"]
 
 
 def test_a_drive_that_falls_silent_is_one_line() -> None:
