@@ -15,6 +15,7 @@ import can
 
 from rfca_rig.devices.checks import CanBusObservation, Finding, green, red, yellow
 from rfca_rig.drivers import fdcanusb
+from rfca_rig.drivers.can_frames import FD_SAMPLE_POINT_PERCENT
 
 BUS_SUBJECT = "CAN bus"
 # Fix and commands for the interfaces of python-can whose drivers have to be installed or set up.
@@ -179,7 +180,11 @@ def make_up_command(name: str, bitrate: int, data_bitrate: int | None = None) ->
     command = f"sudo ip link set {name} up type can bitrate {bitrate}"
     if data_bitrate is None:
         return command
-    return f"{command} dbitrate {data_bitrate} fd on"
+    sample_point = FD_SAMPLE_POINT_PERCENT / 100.0
+    return (
+        f"{command} dbitrate {data_bitrate} fd on "
+        f"sample-point {sample_point:g} dsample-point {sample_point:g}"
+    )
 
 
 def make_down_command(name: str) -> str:

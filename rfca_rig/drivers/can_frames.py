@@ -28,6 +28,11 @@ ACTIVE = 0x40
 # Below this error count a controller is error-active.
 ACTIVE_AGAIN = 128
 
+# Sample point of both phases of CAN-FD, as a moteus needs it (its reference, "CAN-FD"), and the
+# clock of PEAK's adapters that gives it exactly at 1 and 5 Mbit/s: 60 and 12 parts of a bit.
+FD_SAMPLE_POINT_PERCENT = 66.6
+PCAN_CLOCK_HZ = 60_000_000
+
 EMERGENCY_STOP_REMEDY = "press the emergency stop if it turns"
 # Time in s for all torque-off frames together, and between two attempts. Drivers promise torque off
 # within 20 ms.
@@ -249,6 +254,16 @@ class CanBusSettings:
             )
         if self.data_bitrate is None:
             return can.Bus(interface=self.interface, channel=self.channel, bitrate=self.bitrate)
+        if self.interface == "pcan":
+            # For CAN-FD it takes the segments of a bit instead of bit rates.
+            timing = can.BitTimingFd.from_sample_point(
+                f_clock=PCAN_CLOCK_HZ,
+                nom_bitrate=self.bitrate,
+                nom_sample_point=FD_SAMPLE_POINT_PERCENT,
+                data_bitrate=self.data_bitrate,
+                data_sample_point=FD_SAMPLE_POINT_PERCENT,
+            )
+            return can.Bus(interface=self.interface, channel=self.channel, timing=timing)
         return can.Bus(
             interface=self.interface,
             channel=self.channel,

@@ -39,7 +39,12 @@ KNOWN = ("socketcan", "socketcand", "pcan")
             "red",
             "sudo ip link set can0 up type can bitrate 1000000",
         ),
-        (replace(UP, is_up=False), 5_000_000, "red", "bitrate 1000000 dbitrate 5000000 fd on"),
+        (
+            replace(UP, is_up=False),
+            5_000_000,
+            "red",
+            "bitrate 1000000 dbitrate 5000000 fd on sample-point 0.666 dsample-point 0.666",
+        ),
         (
             replace(UP, bitrate=500_000),
             None,

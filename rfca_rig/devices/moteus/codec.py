@@ -53,7 +53,11 @@ FAULTS = {
     36: ("motor not configured", "run moteus_tool --calibrate on this motor"),
     37: ("pwm cycle overrun", "an internal error of the firmware"),
     38: ("over temperature", "board or motor above its limit; let it cool"),
-    39: ("outside limit", "started outside servopos.position_min .. position_max"),
+    39: (
+        "outside limit",
+        "started outside servopos.position_min .. position_max; both must be nan for a leg that "
+        "turns",
+    ),
     40: ("under voltage", "supply too low; check the power supply"),
     41: ("config changed", "a setting was changed that needs a stop first"),
     42: ("theta invalid", "no valid encoder for commutation"),
