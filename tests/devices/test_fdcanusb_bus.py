@@ -296,7 +296,9 @@ def test_a_line_that_was_cut_is_finished_before_the_next() -> None:
 def test_adapters_are_found_by_their_usb_ids_and_names(monkeypatch: pytest.MonkeyPatch) -> None:
     def port(device: str, vid: int | None, pid: int | None, product: str | None) -> ListPortInfo:
         info = ListPortInfo(device)
-        info.vid, info.pid, info.product = vid, pid, product
+        info.vid = vid
+        info.pid = pid
+        info.product = product
         return info
 
     ports = [
