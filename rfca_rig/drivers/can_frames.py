@@ -29,7 +29,7 @@ ACTIVE = 0x40
 ACTIVE_AGAIN = 128
 
 # Sample point of both phases of CAN-FD that the drives of mjbots need (their reference, "CAN-FD"),
-# and the clock of PEAK's adapters that gives it exactly at 1 and 5 Mbit/s: 60 and 12 parts of a bit.
+# and the clock of PEAK's adapters that gives it exactly at 1 and 5 Mbit/s (60 and 12 parts a bit).
 FD_SAMPLE_POINT_PERCENT = 66.6
 PCAN_CLOCK_HZ = 60_000_000
 
