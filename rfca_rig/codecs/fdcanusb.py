@@ -3,9 +3,10 @@ their own UART. Pure.
 
 Sources: mjbots fdcanusb README, "Protocol", its firmware (can_manager.cc: flags of `can send`), and
 the reference of the drives of mjbots, "UART" (checksums). A client sends `can send ID DATA [flags]`
-and receives `OK` or `ERR ...`; a frame from the bus is `rcv ID DATA flags`. The length of the id
-follows from its value; `can std` and `can ext` say it instead. Lines may end in ` *XX`, a CRC-8 of
-everything before the star: always from a UART, never from an adapter.
+and receives `OK` or `ERR ...`; a frame from the bus is `rcv ID DATA flags`, from a UART without
+flags. The length of the id follows from its value; `can std` and `can ext` say it instead, not to
+a UART. Lines may end in ` *XX`, a CRC-8 of everything before the star: those of a UART do once a
+client's did, those of an adapter never.
 """
 
 import re

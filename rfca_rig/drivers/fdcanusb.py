@@ -28,17 +28,15 @@ ANSWER_S = 1.0
 # are sent again if they are not taken, have 20 ms in all.
 WRITE_S = 5e-3
 POLL_S = 5e-4
-NO_ANSWER = (
-    "no answer from a fdcanusb; check that this is its port, and that no other program has it open"
-)
+NO_ANSWER = "no answer from a fdcanusb"
 GONE = "the adapter is gone, or another program reads its port; check the USB cable"
 
 
 class FdcanusbBus(can.BusABC):
     """The bus behind one serial port. A line that is damaged on its way counts as an error frame.
 
-    The adapter says in its lines whether they carry checksums: those of a UART do, those on USB do
-    not. Commands follow it in that.
+    The first command has a checksum, which an adapter on USB ignores, and which makes a UART
+    protect all its lines. Once a line came with a checksum, all must have one, both ways.
     """
 
     def __init__(self, channel: str, bitrate: int, data_bitrate: int | None = None) -> None:
@@ -53,7 +51,7 @@ class FdcanusbBus(can.BusABC):
         self._rest = b""
         self._messages = deque[can.Message]()
         self._refusal: str | None = None
-        self._has_checksums = False
+        self._is_protected = False
         # The rest of a line of which the system took only a part.
         self._cut = b""
         try:
@@ -69,7 +67,8 @@ class FdcanusbBus(can.BusABC):
 
     def _switch_on(self) -> None:
         # Both are refused in the state that they lead to. Switching off first ends a bus-off.
-        if self._ask("can off") is None or self._ask("can on") is None:
+        answers = (self._ask("can off", with_checksum=True), self._ask("can on"))
+        if answers == (None, None):
             raise can.CanInitializationError(NO_ANSWER)
 
     def _check_rate(self, name: str, wanted: int) -> None:
@@ -82,9 +81,9 @@ class FdcanusbBus(can.BusABC):
             f"or write to the adapter: can off, conf set {name} {wanted}, conf write, can on"
         )
 
-    def _ask(self, command: str) -> str | None:
+    def _ask(self, command: str, with_checksum: bool = False) -> str | None:
         """The first line of the answer to a command; None without one in time."""
-        self._write(fdcanusb.encode_line(command, self._has_checksums))
+        self._write(fdcanusb.encode_line(command, with_checksum or self._is_protected))
         until_s = time.monotonic() + ANSWER_S
         while time.monotonic() < until_s:
             for text in self._read_texts():
@@ -108,7 +107,7 @@ class FdcanusbBus(can.BusABC):
                 msg.is_fd,
                 msg.is_remote_frame,
             )
-            line = fdcanusb.encode_send(frame, self._has_checksums)
+            line = fdcanusb.encode_send(frame, self._is_protected)
         except MalformedFrame as error:
             raise can.CanOperationError(str(error)) from error
         self._write(line)
@@ -178,8 +177,12 @@ class FdcanusbBus(can.BusABC):
             self._note_damage()
         for line in lines:
             try:
-                text, self._has_checksums = fdcanusb.parse_line(line)
+                text, has_checksum = fdcanusb.parse_line(line)
             except MalformedFrame:
+                self._note_damage()
+                continue
+            self._is_protected |= has_checksum
+            if self._is_protected and not has_checksum:
                 self._note_damage()
             else:
                 texts.append(text)

@@ -80,7 +80,7 @@ def like_the_firmware(line: str) -> str | None:
     """can_manager.cc: a bus that is on at the start, settings without an OK after them."""
     if line.startswith("conf get "):
         return RATES[line.removeprefix("conf get ")]
-    if line == "can on":
+    if line.startswith("can on"):
         return "ERR already in BusOn"
     return "OK"
 
@@ -132,7 +132,10 @@ def test_an_adapter_on_usb_is_sent_no_checksums_and_one_word_of_flags() -> None:
 def test_the_bus_is_switched_off_and_on_so_that_a_bus_off_is_over() -> None:
     device = ScriptedAdapter()
     with polled(device), open_bus(device.terminal.path):
-        assert device.lines[:2] == ["can off", "can on"]
+        assert [codec.parse_line(line.encode())[0] for line in device.lines[:2]] == [
+            "can off",
+            "can on",
+        ]
 
 
 def test_a_port_without_an_adapter_is_named() -> None:
@@ -169,6 +172,32 @@ def test_a_uart_gets_checksums_also_where_the_program_before_left_it_with_them()
             bus.send(QUERY)
             wait_for(lambda: arrived.append(far.recv(timeout=0)) or arrived[-1] is not None)
     assert arrived[-1].arbitration_id == QUERY.arbitration_id
+
+
+def test_a_uart_that_protects_its_lines_only_when_asked_is_asked() -> None:
+    """As in uart_fdcanusb_micro_server.h: it knows one command, and its frames have no flags."""
+    is_guarded = False
+
+    def answer(line: str) -> str:
+        nonlocal is_guarded
+        text, has_checksum = codec.parse_line(line.encode())
+        is_guarded |= has_checksum
+        replies = ["OK", "rcv 00000120 21000a"] if text.startswith("can send ") else []
+        lines = replies or ["ERR unknown command"]
+        return "\r\n".join(codec.encode_line(reply, is_guarded).decode().strip() for reply in lines)
+
+    with scripted(answer) as (bus, device):
+        bus.send(QUERY)
+        message = received(bus)
+        assert device.lines == [codec.encode_line("can send a001 110050 BF").decode().strip()]
+        # A frame that lost its end on the way, and the checksum with it, is none.
+        device.say("rcv 00000120 2100")
+        assert received(bus).is_error_frame
+    assert (message.arbitration_id, bytes(message.data), message.is_fd) == (
+        0x120,
+        b"\x21\x00\x0a",
+        True,
+    )
 
 
 def test_a_second_program_cannot_take_lines_away() -> None:
