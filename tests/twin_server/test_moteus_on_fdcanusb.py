@@ -25,7 +25,6 @@ from tests.engine.rigs import nothing, one_condition
 from tests.twin_server.server import Server, serving
 from tests.twin_server.test_real_run import InMemory
 
-
 # A machine that is busy with something else is late, and its twins lose time. Here the bytes of the
 # adapter are tested, not the time.
 PATIENT_LIMITS = {
