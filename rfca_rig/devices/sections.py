@@ -8,7 +8,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import can
-from pydantic import ConfigDict, Field, GetCoreSchemaHandler, GetJsonSchemaHandler, field_validator
+from pydantic import (
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    field_validator,
+)
 from pydantic_core import CoreSchema, PydanticCustomError, PydanticKnownError, core_schema
 
 from rfca_rig.clock import Clock
@@ -24,6 +30,7 @@ from rfca_rig.devices import (
     load_object,
 )
 from rfca_rig.drivers.can_frames import CanBusSettings
+from rfca_rig.drivers.encoder_zero import EncoderZero, ZeroPolicy
 from rfca_rig.drivers.ports import SerialPort, open_port
 from rfca_rig.drivers.roles import ForceSensor, ShaftMotor
 from rfca_rig.errors import BadInput
@@ -60,6 +67,11 @@ class MotorSection(Section):
         default=100.0,
         description="time without a command after which the guardian removes the torque",
     )
+    zero_policy: ZeroPolicy | None = Field(
+        default=None,
+        description="what of the zero survives a power-down of the drive: all of it (absolute), "
+        "all but whole turns of the motor (behind-gear), nothing (incremental)",
+    )
 
     @field_validator("guardian")
     @classmethod
@@ -76,6 +88,11 @@ class MotorSection(Section):
     def title(self) -> str:
         """The drive in messages."""
         return self.device
+
+    @property
+    def encoder_zero(self) -> EncoderZero | None:
+        """What the drive's reading says of the shaft; None where the section does not know."""
+        return None
 
     @property
     def is_guarded(self) -> bool:
@@ -140,6 +157,12 @@ class SpeedDriveKeys(MotorSection):
     zero_turns: float
     report_period_ms: Positive | None = None
     angle_gain_per_s: Positive = 20.0
+
+    @property
+    def encoder_zero(self) -> EncoderZero:
+        return EncoderZero(
+            "zero_turns", self.zero_turns, "turns", self.direction * self.gear_ratio, 1.0
+        )
 
     @property
     def reports_Hz(self) -> float:

@@ -266,6 +266,11 @@ class DriveReceiver(ABC):
         """As in `MotorStatus`."""
         return 0.0
 
+    @property
+    def uptime_s(self) -> float | None:
+        """As in `MotorStatus`."""
+        return None
+
 
 @dataclass(frozen=True)
 class Report:
@@ -273,7 +278,7 @@ class Report:
 
     `is_on` means that it is energised and follows commands. `state` is a text. `fault` is None, or
     the error code with its meaning. `temperature_C` is the higher of drive and motor temperature,
-    None if the drive reports none.
+    `uptime_s` the time since the drive was powered up; None where the drive does not report them.
     """
 
     turns: float
@@ -283,6 +288,7 @@ class Report:
     state: str
     fault: str | None = None
     temperature_C: float | None = None
+    uptime_s: float | None = None
 
 
 class DriveReports(DriveReceiver):
@@ -427,6 +433,12 @@ class DriveReports(DriveReceiver):
         if self.last is None:
             return None
         return self.last.temperature_C
+
+    @property
+    def uptime_s(self) -> float | None:
+        if self.last is None:
+            return None
+        return self.last.uptime_s
 
     @property
     def silent_s(self) -> float:

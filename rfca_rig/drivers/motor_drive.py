@@ -171,7 +171,13 @@ class MotorDrive(ABC):
             or reports.health.fault
         )
         return MotorStatus(
-            state, fault, reports.silent_s, reports.temperature_C, reports.torque_age_s
+            state,
+            fault,
+            reports.silent_s,
+            reports.temperature_C,
+            reports.torque_age_s,
+            reports.uptime_s,
+            reports.zero_lost,
         )
 
     def _find_silence(self) -> str | None:

@@ -39,6 +39,8 @@ class MotorStatus:
     is the time since the last heartbeat. `temperature_C` is the higher of drive and motor
     temperature, None if the drive reports none. `torque_age_s` is the age of the torque for a drive
     that reports it in a message of its own; it is 0 where torque and angle come together.
+    `uptime_s` is the time since the drive was powered up, None if it does not report it.
+    `zero_lost` is why angles are wrong since the driver was made, or None.
     """
 
     state: str
@@ -47,6 +49,8 @@ class MotorStatus:
     # Optional, as some drives have no temperature sensor.
     temperature_C: float | None = None
     torque_age_s: float = 0.0
+    uptime_s: float | None = None
+    zero_lost: str | None = None
 
 
 class ShaftMotor(Protocol):

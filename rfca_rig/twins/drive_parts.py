@@ -6,12 +6,26 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from math import exp
+from math import exp, remainder
 from typing import ClassVar
 
 import can
 
 from rfca_rig.twins.world import ShaftDrive, ShaftState
+
+
+def reading_after_power_up(reading: float, per_motor_turn: float, policy: str) -> float:
+    """What an encoder that read `reading` reads at the same place after a power cycle.
+
+    `per_motor_turn` is the change of the reading in one turn of the motor. The policies are those
+    of `zero_policy` in a rig file: an encoder behind a gear has forgotten whole turns of the motor,
+    an incremental one counts from zero.
+    """
+    if policy == "absolute":
+        return reading
+    if policy == "behind-gear":
+        return remainder(reading, per_motor_turn)
+    return 0.0
 
 
 class LoopMode(IntEnum):
@@ -105,7 +119,7 @@ class DriveTwin(ABC):
 
     @abstractmethod
     def restart(self) -> None:
-        """Power cycle: no torque, no error."""
+        """Power cycle: no torque, no error; the encoder reads what `zero_policy` leaves of it."""
 
     @abstractmethod
     def stale_set_point(self) -> Sequence[can.Message]:

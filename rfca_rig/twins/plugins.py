@@ -20,6 +20,7 @@ from rfca_rig.twins.drive_parts import (
     MotorThermalModel,
     SpeedLoop,
     ThermalParameters,
+    reading_after_power_up,
 )
 from rfca_rig.twins.wires import SampleGrid, SerialLine
 from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion
@@ -38,6 +39,8 @@ class TwinnedKeys(Protocol):
     def zero_turns(self) -> float: ...
     @property
     def report_period_ms(self) -> float | None: ...
+    @property
+    def zero_policy(self) -> str | None: ...
 
 
 class SpeedDriveTwin(DriveTwin):
@@ -55,6 +58,7 @@ class SpeedDriveTwin(DriveTwin):
         """`watchdog_s` None: a drive without a watchdog."""
         self._bus = bus
         self._gear = keys.gear_ratio, keys.direction, keys.zero_turns
+        self._zero_policy = keys.zero_policy or "incremental"
         self._loop = SpeedLoop(gains)
         self._wanted = MotorSetPoint(LoopMode.VELOCITY)
         self._watchdog_s = watchdog_s
@@ -120,8 +124,8 @@ class SpeedDriveTwin(DriveTwin):
     # ----------------------------------------------------------------------------------------------
 
     def restart(self) -> None:
-        """Power cycle: no torque, no error; the encoder counts from zero at its present
-        position.
+        """Power cycle: no torque, no error; an encoder of no stated policy counts from zero at
+        its present position.
         """
         self.is_on = False
         self.fault = 0
@@ -142,10 +146,12 @@ class SpeedDriveTwin(DriveTwin):
         """Torque law on the shaft until the next step; also sends a requested report."""
         ratio, direction, zero_turns = self._gear
         if self._restarts:
-            # Where the shaft is known only here: after a restart the encoder starts to count from
-            # zero at this angle.
+            # Where the shaft is, is known only here.
             self._restarts = False
-            self._counted_from_rad = shaft.angle_rad + zero_turns * direction * tau / ratio
+            rad_per_turn = direction * tau / ratio
+            turns = zero_turns + (shaft.angle_rad - self._counted_from_rad) / rad_per_turn
+            turns = reading_after_power_up(turns, 1.0, self._zero_policy)
+            self._counted_from_rad = shaft.angle_rad - (turns - zero_turns) * rad_per_turn
         if self.is_on:
             law = self._loop.law(self._wanted, shaft)
         else:

@@ -1,11 +1,13 @@
 """[motor] of a CubeMars / T-Motor AK drive in a rig file, in MIT and in servo mode."""
 
+from math import tau
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator
 
-from rfca_rig.devices.cubemars.codec import MIT_RANGES
+from rfca_rig.devices.cubemars.codec import MIT_RANGES, mit_ranges
 from rfca_rig.devices.sections import MotorSection
+from rfca_rig.drivers.encoder_zero import EncoderZero
 from rfca_rig.toml import Positive
 
 
@@ -43,6 +45,16 @@ class CubemarsMitSection(MotorSection):
             raise ValueError(f"should be one of {', '.join(MIT_RANGES)}")
         return model
 
+    @property
+    def encoder_zero(self) -> EncoderZero:
+        return EncoderZero(
+            "zero_rad",
+            self.zero_rad,
+            "rad",
+            self.direction * tau,
+            tau / mit_ranges(self.model).gear_ratio,
+        )
+
 
 class CubemarsServoSection(MotorSection):
     """A CubeMars / T-Motor AK drive in servo mode. `zero_deg` is its reading with the leg
@@ -69,6 +81,12 @@ class CubemarsServoSection(MotorSection):
     status_period_ms: Positive = Field(
         description="period of the status message, as set in the drive"
     )
+
+    @property
+    def encoder_zero(self) -> EncoderZero:
+        return EncoderZero(
+            "zero_deg", self.zero_deg, "deg", self.direction * 360.0, 360.0 / self.gear_ratio
+        )
 
     @property
     def reports_Hz(self) -> float:

@@ -4,7 +4,7 @@ that can be injected into them.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from math import degrees, floor, pi, radians, remainder, tau
+from math import degrees, floor, pi, radians, tau
 from typing import ClassVar
 
 import can
@@ -24,6 +24,7 @@ from rfca_rig.twins.drive_parts import (
     MotorThermalModel,
     SpeedLoop,
     ThermalParameters,
+    reading_after_power_up,
 )
 from rfca_rig.twins.wires import SampleGrid, stamp_s
 from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion
@@ -38,8 +39,6 @@ JUMP_RAD = 0.5 * pi
 ZERO_COMMAND = MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)
 # Time in s for which the drive does not answer after it has set its zero.
 ZEROING_S = 1.0
-# One rotor turn at the shaft: the encoder sits before the gear.
-ROTOR_TURN_RAD = tau / 9.0
 # Largest temperature of the signed byte in the status frame.
 MAX_TEMPERATURE_degC = 127
 # End of the position range of the status frame according to the manual.
@@ -61,6 +60,7 @@ class MitTwinSettings:
     model: str = "AK80-9"
     direction: int = 1
     zero_rad: float = 0.0
+    zero_policy: str | None = None
     torque_limit_Nm: float | None = None
     watchdog_s: float | None = None
     reply_id: int | None = 0
@@ -162,9 +162,13 @@ class CubemarsMitTwin(DriveTwin):
         if self._restarts:
             self._restarts = False
             reported_rad = self._settings.direction * shaft.angle_rad + self._zero_rad
-            # A single-turn encoder knows its position within a rotor turn only: whole turns are
-            # lost.
-            self._zero_rad += remainder(reported_rad, ROTOR_TURN_RAD) - reported_rad
+            # The encoder sits before the gear and knows its position within a rotor turn only:
+            # whole turns are lost.
+            rotor_turn_rad = tau / self._ranges.gear_ratio
+            policy = self._settings.zero_policy or "behind-gear"
+            self._zero_rad += (
+                reading_after_power_up(reported_rad, rotor_turn_rad, policy) - reported_rad
+            )
         for _ in range(self._unanswered):
             self._reply(shaft)
         self._unanswered = 0
@@ -283,6 +287,7 @@ class ServoTwinSettings:
     torque_constant_Nm_per_A: float = 0.115
     direction: int = 1
     zero_deg: float = 0.0
+    zero_policy: str | None = None
     gains: LoopGains = field(default_factory=LoopGains)
     status_period_s: float = 2e-3
     watchdog_s: float | None = None
@@ -417,8 +422,10 @@ class CubemarsServoTwin(DriveTwin):
             reported_deg = self._zero_deg + self._settings.direction * degrees(shaft.angle_rad)
             # A single-turn encoder knows its position within a rotor turn only: whole turns are
             # lost.
+            rotor_turn_deg = 360.0 / self._settings.gear_ratio
+            policy = self._settings.zero_policy or "behind-gear"
             self._zero_deg += (
-                remainder(reported_deg, 360.0 / self._settings.gear_ratio) - reported_deg
+                reading_after_power_up(reported_deg, rotor_turn_deg, policy) - reported_deg
             )
         if self._origin_wanted:
             self._origin_wanted = False

@@ -60,6 +60,8 @@ STARTING = frozenset({Mode.STOPPED, Mode.ENABLING, Mode.CALIBRATING, Mode.CALIBR
 # Fault codes from 96 on (limits 96-103) name what limits the output of a running drive; they are no
 # faults.
 MIN_LIMIT_CODE = 96
+# Counts of the millisecond counter.
+COUNTER_SPAN = 1 << 32
 # The vendor's tools use source id 0, and answers go to the id that asked.
 OWN_ID = 0x20
 
@@ -160,6 +162,7 @@ class MoteusState:
     mode: int
     fault: int
     position_turns: float
+    uptime_s: float
     voltage_V: float
     temperature_degC: float
     motor_temperature_degC: float
@@ -240,6 +243,12 @@ class MoteusReplies(DriveReceiver):
         if self.state is None:
             return None
         return self.state.warmest_C
+
+    @property
+    def uptime_s(self) -> float | None:
+        if self.state is None:
+            return None
+        return self.state.uptime_s
 
     @property
     def doubts(self) -> str | None:
@@ -331,6 +340,8 @@ class MoteusReplies(DriveReceiver):
             mode=int(values[Register.MODE]),
             fault=int(values[Register.FAULT]),
             position_turns=values[Register.POSITION],
+            # The register is read as a signed number; it wraps after 49.7 days.
+            uptime_s=counter % COUNTER_SPAN / 1e3,
             voltage_V=values.get(Register.VOLTAGE, nan),
             temperature_degC=self._temperature.value,
             motor_temperature_degC=self._motor_temperature.value,

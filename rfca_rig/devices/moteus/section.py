@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from rfca_rig.devices.sections import MotorSection
+from rfca_rig.drivers.encoder_zero import EncoderZero
 from rfca_rig.toml import Positive
 
 
@@ -25,6 +26,11 @@ class MoteusSection(MotorSection):
     zero_turns: float = Field(
         description="position with the leg horizontal, in turns of the output"
     )
+    rotor_to_output_ratio: Positive = Field(
+        default=1.0,
+        description="motor_position.rotor_to_output_ratio of the drive, for zero_policy "
+        "behind-gear: turns of the output per turn of the motor",
+    )
     watchdog_ms: Positive = Field(
         default=100.0, description="time for which the drive continues without a command"
     )
@@ -38,6 +44,16 @@ class MoteusSection(MotorSection):
         default=5_000_000, description="bits/s of the data phase"
     )
     bitrate_switch: bool = Field(default=True, description="whether the data phase is faster")
+
+    @property
+    def encoder_zero(self) -> EncoderZero:
+        return EncoderZero(
+            "zero_turns",
+            self.zero_turns,
+            "turns",
+            self.direction * self.gear_ratio,
+            self.rotor_to_output_ratio,
+        )
 
     @property
     def fd_bitrate(self) -> int | None:

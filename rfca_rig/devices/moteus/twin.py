@@ -39,6 +39,7 @@ from rfca_rig.twins.drive_parts import (
     LoopGains,
     MotorThermalModel,
     ThermalParameters,
+    reading_after_power_up,
 )
 from rfca_rig.twins.world import ShaftDrive, ShaftState
 
@@ -223,6 +224,8 @@ class MoteusTwinSettings:
     gear_ratio: float = 1.0
     direction: int = 1
     zero_turns: float = 0.0
+    zero_policy: str | None = None
+    rotor_to_output_ratio: float = 1.0
     gains: MoteusGains = field(default_factory=MoteusGains)
     default_timeout_s: float = 0.1
     timeout_torque_Nm: float = 5.0
@@ -256,6 +259,9 @@ class MoteusTwin(DriveTwin):
         self._command = self._in_force = PositionCommand()
         self._commanded_s = self._now_s = self._powered_s = 0.0
         self._started_s = 0.0
+        self._restarts = False
+        # The position that the drive reports with the leg horizontal.
+        self._zero_turns = settings.zero_turns
         self.encoder = Encoder()
         self.warmth = MotorThermalModel(settings.warming)
         self._answers: list[Callable[[ShaftState], None]] = []
@@ -351,7 +357,7 @@ class MoteusTwin(DriveTwin):
         ratio = self._torque_ratio
         value = write.value
         changes: dict[int, dict[str, float]] = {
-            Register.COMMAND_POSITION: {"angle_rad": (value - self._settings.zero_turns) * rad},
+            Register.COMMAND_POSITION: {"angle_rad": (value - self._zero_turns) * rad},
             Register.COMMAND_VELOCITY: {"speed_rad_s": value * rad},
             Register.COMMAND_FEEDFORWARD_TORQUE: {"feed_forward_Nm": value * ratio},
             Register.COMMAND_KP_SCALE: {"kp_scale": value},
@@ -399,7 +405,7 @@ class MoteusTwin(DriveTwin):
     def _limits_rad(self) -> tuple[float, float]:
         """The lowest and the highest angle that servopos allows."""
         limits_rad = [
-            (turns - self._settings.zero_turns) * self._rad_per_turn
+            (turns - self._zero_turns) * self._rad_per_turn
             for turns in (self._console[console.POSITION_MIN], self._console[console.POSITION_MAX])
         ]
         # The drive may count against the angle.
@@ -433,11 +439,12 @@ class MoteusTwin(DriveTwin):
 
     def restart(self) -> None:
         """Power cycle: no torque, the millisecond counter starts at zero, and settings that were
-        not saved are lost.
+        not saved are lost. The position of no stated policy stays.
         """
         self._stop(Mode.STOPPED, 0)
         self._console.start()
         self._powered_s = self._now_s
+        self._restarts = True
 
     def _stop(self, mode: Mode, fault: int) -> None:
         self._mode = mode
@@ -446,6 +453,17 @@ class MoteusTwin(DriveTwin):
 
     def drive(self, shaft: ShaftState) -> ShaftDrive:
         """Sends the pending answers; returns the torque law on the shaft until the next step."""
+        if self._restarts:
+            self._restarts = False
+            turns = self._zero_turns + shaft.angle_rad / self._rad_per_turn
+            self._zero_turns += (
+                reading_after_power_up(
+                    turns,
+                    self._settings.rotor_to_output_ratio,
+                    self._settings.zero_policy or "absolute",
+                )
+                - turns
+            )
         answers = self._answers
         self._answers = []
         for answer in answers:
@@ -500,7 +518,7 @@ class MoteusTwin(DriveTwin):
         return {
             **IDENTITY_REGISTERS,
             Register.MODE: mode,
-            Register.POSITION: self._settings.zero_turns + angle_rad / self._rad_per_turn,
+            Register.POSITION: self._zero_turns + angle_rad / self._rad_per_turn,
             Register.VELOCITY: speed_rad_s / self._rad_per_turn,
             Register.TORQUE: shaft.torque_Nm / self._torque_ratio,
             Register.Q_CURRENT: nan,

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from rfca_rig.devices.sections import MotorSection
+from rfca_rig.drivers.encoder_zero import EncoderZero
 from rfca_rig.toml import Positive
 
 
@@ -39,6 +40,12 @@ class OdriveSection(MotorSection):
                 "motor.config.torque_constant"
             )
         return self
+
+    @property
+    def encoder_zero(self) -> EncoderZero:
+        return EncoderZero(
+            "zero_turns", self.zero_turns, "turns", self.direction * self.gear_ratio, 1.0
+        )
 
     @property
     def reports_Hz(self) -> float:

@@ -46,6 +46,7 @@ from rfca_rig.twins.drive_parts import (
     MotorThermalModel,
     SpeedLoop,
     ThermalParameters,
+    reading_after_power_up,
 )
 from rfca_rig.twins.wires import SampleGrid, stamp_s
 from rfca_rig.twins.world import ShaftDrive, ShaftState, interpolate_motion
@@ -75,6 +76,7 @@ class OdriveTwinSettings:
     gear_ratio: float = 1.0
     direction: int = 1
     zero_turns: float = 0.0
+    zero_policy: str | None = None
     gains: LoopGains = field(default_factory=LoopGains)
     watchdog_s: float | None = 0.1
     encoder_period_s: float = 1e-3
@@ -230,8 +232,8 @@ class OdriveTwin(DriveTwin):
         self._result = DISARMED
 
     def restart(self) -> None:
-        """Power cycle: idle without an error; the incremental encoder counts from zero at its
-        present position.
+        """Power cycle: idle without an error; an encoder of no stated policy counts from zero at
+        its present position.
         """
         self._state = AxisState.IDLE
         self._error = 0
@@ -260,12 +262,17 @@ class OdriveTwin(DriveTwin):
         """Torque law on the shaft until the next step."""
         if self._restarts:
             self._restarts = False
-            self._counted_from_rad = (
-                shaft.angle_rad + self._settings.zero_turns * self._rad_per_turn
-            )
+            self._counted_from_rad = self._count_after_power_up(shaft.angle_rad)
         if self._state == AxisState.CLOSED_LOOP:
             return self._loop.law(self._wanted, shaft)
         return ShaftDrive()
+
+    def _count_after_power_up(self, angle_rad: float) -> float:
+        """The shaft angle that counts as zero when the drive starts at `angle_rad`."""
+        zero_turns = self._settings.zero_turns
+        turns = zero_turns + (angle_rad - self._counted_from_rad) / self._rad_per_turn
+        turns = reading_after_power_up(turns, 1.0, self._settings.zero_policy or "incremental")
+        return angle_rad - (turns - zero_turns) * self._rad_per_turn
 
     def advance(
         self, elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState, law: ShaftDrive

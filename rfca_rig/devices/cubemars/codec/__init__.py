@@ -63,6 +63,11 @@ class MitRanges:
     position_rad: float = 12.5
     temperature_offset_degC: int = 40
 
+    @property
+    def gear_ratio(self) -> float:
+        """Turns of the motor per turn of the output, as the model is named: 9 of an AK80-9-V2.0."""
+        return float(self.model.split("-")[1])
+
 
 MIT_RANGES = {
     row.model: row
