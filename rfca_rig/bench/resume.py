@@ -177,9 +177,10 @@ def reopen_run(
     operator: str,
     seed: int | None,
     changes: Mapping[str, Mapping[str, object]],
+    zero_facts: Mapping[str, str],
 ) -> None:
-    """Reopens the run's folder; records when and why it had stopped, who continues it, and what is
-    not as before (`rig_compatibility.changes_of_event`).
+    """Reopens the run's folder; records when and why it had stopped, who continues it, what is
+    not as before (`rig_compatibility.changes_of_event`), and what is known of the drive's zero.
     """
     event = {
         "event": RESUMED,
@@ -198,6 +199,8 @@ def reopen_run(
     if seed is not None:
         event["seed"] = seed
     event.update(changes)
+    if zero_facts:
+        event["zero"] = dict(zero_facts)
     run_folder.reopen(begun.folder, event, begun.resumed)
 
 

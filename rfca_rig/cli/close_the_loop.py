@@ -117,6 +117,7 @@ def _run(loop: ClosedLoop, rig: RigFile, first: Recording, number: int) -> Path:
         dry=False,
         model=model,
         model_text=model_text,
+        rig_path=loop.rig_path,
     )
     folder, _ = run_and_record(config, _print_nothing)
     if folder is None:

@@ -122,6 +122,7 @@ def open_folder(config: RunConfig, folder: Path, bench: Bench) -> None:
             changes_of_event(
                 {**config.rig_changes, **changes}, {**config.noted_changes, **noted, **software}
             ),
+            config.zero_facts,
         )
 
 
@@ -285,6 +286,7 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
             **provenance.files(texts),
             **provenance.plan_fields(config.plan),
             **provenance.devices(bench),
+            **config.zero_facts,
             **named,
         },
     )

@@ -33,6 +33,7 @@ from rfca_rig.cli.commands import (
     reference,
     report,
     runs,
+    setup,
     sweep,
     twin,
 )
@@ -81,6 +82,7 @@ app.add_typer(calibrate.app, name="calibrate", cls=CommandGroup)
 app.add_typer(export.app, name="export", cls=CommandGroup)
 app.add_typer(reference.app, name="reference", cls=CommandGroup)
 app.add_typer(datasets.app, name="datasets", cls=CommandGroup)
+app.add_typer(setup.app, name="setup", cls=CommandGroup)
 app.command("init", cls=Command)(init.init)
 app.command("import", cls=Command)(export.import_folder)
 app.command("resume", cls=Command)(resume.resume)

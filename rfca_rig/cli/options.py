@@ -147,7 +147,7 @@ GROUPS = {
     "Look": ("runs", "view", "trip"),
     "Understand": ("report", "fit", "diagnose", "reference", "crosscheck", "prove"),
     "Design": ("predict", "strip", "sweep"),
-    "Set up": ("doctor", "calibrate", "contract", "twin"),
+    "Set up": ("doctor", "setup", "calibrate", "contract", "twin"),
     "Files": ("init", "import", "export", "datasets", "check", "recover", "schema"),
 }
 

@@ -60,6 +60,12 @@ def find_shipped(kind: str) -> Path:
     return next(folder for folder in folders_of(kind)[1:] if folder.is_dir())
 
 
+def refuse_shipped(path: Path) -> None:
+    """Raises BadInput for a file inside the installed package, which is not to be changed."""
+    if path.is_relative_to(PACKAGE):
+        raise BadInput(f"{path}: came with the package; copy it, and give the path of the copy")
+
+
 def check_writable(path: Path) -> None:
     """Raises BadInput where a file is there already, or has no folder."""
     if path.exists():

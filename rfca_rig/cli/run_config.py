@@ -38,7 +38,8 @@ class RunConfig:
     A `model` replaces the nominal model of the rig file; a twin stays as its rig file describes it.
     `eye` is set where photos are to be taken, with the text of the camera's calibration;
     `camera_path` is where it was, if it is not the rig file's. `rig_name` is the name of the rig as
-    typed, for finding its file again.
+    typed, for finding its file again; `rig_path` is that file, beside which the check of its zero
+    is stored. `zero_facts` is what the recording states of the zero.
 
     `begun` is set where a stopped run is continued. `plan` is then the rest of its plan, and
     `rig_changes` are the changes of the rig file, `noted_changes` those that change no data. With
@@ -59,6 +60,7 @@ class RunConfig:
     camera_text: str = ""
     camera_path: str = ""
     rig_name: str = ""
+    rig_path: Path | None = None
     begun: InterruptedRun | None = None
     rig_changes: Mapping[str, Change] = field(default_factory=dict)
     noted_changes: Noted = field(default_factory=dict)
@@ -67,6 +69,7 @@ class RunConfig:
     sample: str = ""
     viewing: Viewing | None = None
     faults: tuple[FaultEvent, ...] = ()
+    zero_facts: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def nominal_source(self) -> RigFile | ModelFile:
@@ -160,14 +163,15 @@ def make_run_config(asked: RunOptions, plan_of: Callable[[Path, RigFacts], Plan]
         camera_text=camera_text,
         camera_path=camera_path,
         rig_name=asked.rig,
+        rig_path=rig_path,
         operator=asked.operator,
         sample=asked.sample,
         viewing=asked.viewing,
-        faults=_faults(rig, asked.faults),
+        faults=parse_faults(rig, asked.faults),
     )
 
 
-def _faults(rig: RigFile, words: Sequence[str]) -> tuple[FaultEvent, ...]:
+def parse_faults(rig: RigFile, words: Sequence[str]) -> tuple[FaultEvent, ...]:
     """The faults to be injected into a twin. Raises BadInput for faults that this rig cannot
     have.
     """

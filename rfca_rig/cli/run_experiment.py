@@ -19,6 +19,7 @@ from rfca_rig.bench.factory import open_bench
 from rfca_rig.bench.photo_reader import PhotoReader, can_read_beside
 from rfca_rig.bench.provenance import Outcome
 from rfca_rig.bench.recorder import Recorder
+from rfca_rig.bench.zero_check import ZeroOfRun, setup_command
 from rfca_rig.cli.attach_view import attach_view, twin_clock
 from rfca_rig.cli.finalize_run import (
     AcknowledgedLines,
@@ -300,9 +301,23 @@ def run_and_record(
             return None, None
         if config.rig_name:
             trust(find_file("calibration", config.rig_name))
+        zero = ZeroOfRun(config.rig, config.rig_path)
+        zero.check_before_arming()
         if config.rig.is_real:
+            _say_without_policy(config, say)
             ask_operator(config)
-        return _record(config, started, Supervision(expected), on_stage)
+        return _record(config, started, Supervision(expected), zero, on_stage)
+
+
+def _say_without_policy(config: RunConfig, say: Say) -> None:
+    """A real rig whose file does not say what becomes of its zero runs as ever, but not without a
+    word.
+    """
+    if config.rig.motor.zero_policy is None:
+        say(
+            "zero_policy is missing under [motor], so a power-up of the drive is not looked for; "
+            f"check its zero after each: {setup_command(config.rig_path)}"
+        )
 
 
 @contextmanager
@@ -329,6 +344,7 @@ def _record(
     config: RunConfig,
     started: Helper | None,
     supervision: Supervision,
+    zero: ZeroOfRun,
     on_stage: Callable[[Stage, Recorder, Say], None],
 ) -> tuple[Path, Recorder]:
     with (
@@ -343,6 +359,7 @@ def _record(
             # Before anything is energised. What a drive tells only then is compared afterwards.
             compare_devices_with_run(config, config.begun, bench)
         # Before the folder is made: a drive that is refused leaves no empty run behind.
+        config = replace(config, zero_facts=zero.check_drive(bench))
         armed = prove_drive(config, bench) if bench.is_real else {}
         folder, keeper = _begin_recording(config, bench, started)
         reader = _start_photo_reader(config, folder, helpers)
@@ -381,10 +398,12 @@ def _record(
                 # Only now: `run_plan` has returned, so the motor is without torque.
                 view.over(None)
                 note_end(recorder, "done")
+                _store_zero(zero, bench)
             except RigError as error:
                 handlers.begin_closing()
                 view.over(error)
                 note_end(recorder, str(error))
+                _store_zero(zero, bench)
                 say(f"motor off: {recorder.standstill.text()}")
                 # A trip or a stop still gives a recording, which `resume` continues.
                 finish_cut_short(config, run(Outcome.of(error)), say)
@@ -396,6 +415,14 @@ def _record(
                 raise
         finish(config, run(Outcome.of(None)))
     return folder, recorder
+
+
+def _store_zero(zero: ZeroOfRun, bench: Bench) -> None:
+    """Where the run left the encoder. A drive or a disk that fails now must not hide how the run
+    ended: without it the next run asks for a check of the zero.
+    """
+    with suppress(RigError):
+        zero.store_end(bench)
 
 
 def _start_photo_reader(config: RunConfig, folder: Path, helpers: ExitStack) -> PhotoReader | None:

@@ -17,6 +17,15 @@ import numpy as np
 
 from rfca_rig.bench.factory import make_motor
 from rfca_rig.bench.sensors import make_camera
+from rfca_rig.bench.zero_check import (
+    EncoderReading,
+    find_doubt,
+    find_stale_check,
+    needs_check,
+    read_check,
+    setup_command,
+    summarize_readings,
+)
 from rfca_rig.clock import Clock
 from rfca_rig.description.camera_file import (
     OpenCvCameraSection,
@@ -65,6 +74,14 @@ DRIVE = "drive"
 SENSOR = "force sensor"
 NEXT = "try the driver without the device first:"
 SHAFT = "shaft"
+ZERO = "zero"
+POLICY_FIX = (
+    "state under [motor] what of the zero survives a power-down: all of it, all but whole turns of "
+    "the motor, or nothing:",
+    'zero_policy = "absolute"',
+    'zero_policy = "behind-gear"',
+    'zero_policy = "incremental"',
+)
 LISTEN_S = 0.3
 
 Way = TypeVar("Way")
@@ -278,10 +295,11 @@ def check_sensor(sensor: ForceSensorSection, clock: Clock) -> Iterator[Finding]:
         yield from load_object(check)(sensor, clock)
 
 
-def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
-    """Yields the shaft angle, for a drive that was found. It is read as in a run, but not enabled.
+def check_shaft(rig: RigFile, rig_path: Path | None, clock: Clock) -> Iterator[Finding]:
+    """Yields the shaft angle, for a drive that was found, and whether its zero holds. It is read as
+    in a run, but not enabled.
 
-    Yields nothing if the drive does not report while it is off.
+    Yields no angle if the drive does not report while it is off.
     """
     try:
         with rig.motor.open() as bus:
@@ -291,6 +309,7 @@ def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
             while clock.now_s() < until_s:
                 clock.wait_until(clock.now_s() + POLL_S)
                 angles_rad += motor.read().angle_rad.tolist()
+            status = motor.status()
     # The bus was fine a moment ago; a failure now is reported, and the other checks go on.
     except (RigError, can.CanError, OSError, ValueError) as error:
         yield yellow(SHAFT, f"not read: {shorten_error(error)}", "mend what is red first")
@@ -303,6 +322,45 @@ def check_shaft(rig: RigFile, clock: Clock) -> Iterator[Finding]:
                 "it? 0 is horizontal, 90 straight down"
             ),
         )
+    zero = rig.motor.encoder_zero
+    now = None
+    if zero is not None and angles_rad:
+        now = summarize_readings(zero, angles_rad, status, clock)
+    yield from check_zero(rig, rig_path, now)
+
+
+def check_zero(
+    rig: RigFile, rig_path: Path | None, now: EncoderReading | None
+) -> Iterator[Finding]:
+    """Yields the finding on the zero of the drive: whether a run would be refused for it. `now` is
+    what the drive tells, None where it was not read. Of a twin without a policy there is none.
+    """
+    policy = rig.motor.zero_policy
+    if policy is None:
+        if rig.is_real:
+            yield yellow(ZERO, "zero_policy is not stated: a power-up is not noticed", *POLICY_FIX)
+        return
+    if not needs_check(policy):
+        yield green(ZERO, f"{policy}: it survives a power-down")
+        return
+    zero = rig.motor.encoder_zero
+    command = setup_command(rig_path)
+    fix = "hold the leg at a known angle, then type:"
+    try:
+        check = None
+        if rig_path is not None:
+            check = read_check(rig_path)
+        doubt = find_stale_check(rig, check)
+    # Of a damaged record, or a section that does not know its zero.
+    except BadInput as error:
+        yield red(ZERO, str(error), fix, command)
+        return
+    if doubt is None and now is not None and check is not None and zero is not None:
+        doubt = find_doubt(zero, policy, check, now)
+    if doubt is not None:
+        yield red(ZERO, f"{policy}: {doubt}", fix, command)
+    elif check is not None:
+        yield green(ZERO, f"{policy}: checked at {check.checked_at}")
 
 
 def _encoder(rig: RigFile, angle_rad: float) -> str:
@@ -315,9 +373,11 @@ def _encoder(rig: RigFile, angle_rad: float) -> str:
     return f", encoder at {zero + motor.direction * gear * angle_rad / tau:.3f} turns"
 
 
-def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
+def check_rig(
+    rig: RigFile, runs: Path, clock: Clock, rig_path: Path | None = None
+) -> Iterator[Finding]:
     """Yields all findings as they come. Sends nothing that could move the shaft; takes over and
-    ends a running sensor stream.
+    ends a running sensor stream. Beside the rig file is the last check of its zero.
     """
     if not rig.is_real:
         yield green(
@@ -327,6 +387,7 @@ def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
                 "nothing to be looked for"
             ),
         )
+        yield from check_zero(rig, rig_path, None)
         yield from check_computer(runs, clock, None)
         return
     motor = rig.motor
@@ -340,7 +401,7 @@ def check_rig(rig: RigFile, runs: Path, clock: Clock) -> Iterator[Finding]:
         yield finding
     # Reading the shaft makes no sense on a bus or drive that does not work.
     if not is_red:
-        yield from check_shaft(rig, clock)
+        yield from check_shaft(rig, rig_path, clock)
     yield from check_sensor(rig.force_sensor, clock)
     yield from check_camera(rig, clock)
     yield from check_computer(runs, clock, rig.watchdog_s)

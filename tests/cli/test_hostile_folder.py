@@ -77,6 +77,7 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ("twin", "tell", "on", "force-silent"),
     ("twin", "conceal", "riddle.toml"),
     ("calibrate", "camera", "calibration"),
+    ("setup", "zero", "--rig", "calibration/twin.toml", "--yes"),
     ("export", "mcap", "{run}", "--out", "run.mcap"),
     ("export", "csv", "{run}", "--out", "run-csv"),
     ("export", "mjcf", "small-campaign", "--out", "mjcf"),

@@ -54,8 +54,9 @@ def doctor(rig: RigToCheck = None, runs: RunsToCheck = Path("runs"), as_json: Js
     if rig is None:
         checks = scan(runs, clock)
     else:
-        described = read_rig(find_rig(rig))
-        checks = check_rig(described, runs, clock)
+        path = find_rig(rig)
+        described = read_rig(path)
+        checks = check_rig(described, runs, clock, path)
     # JSON is printed as one document, after all checks; text line by line, as each is done.
     if as_json:
         findings = list(checks)

@@ -134,6 +134,7 @@ def _order(begun: "InterruptedRun", rig: str | None, as_json: bool, dry_run: boo
         eye=eye,
         camera_text=camera_text,
         rig_name=name,
+        rig_path=path,
         begun=begun,
         rig_changes=now.changes,
         noted_changes=noted,

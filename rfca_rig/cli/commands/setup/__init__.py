@@ -2,7 +2,11 @@
 
 import typer
 
+from rfca_rig.cli.commands.setup import zero
+from rfca_rig.cli.options import Command
+
 app = typer.Typer(
     help="The first day with a real rig: drives, zeros and axes are set up and checked.",
     no_args_is_help=True,
 )
+app.command("zero", cls=Command)(zero.zero)
