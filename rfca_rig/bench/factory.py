@@ -31,8 +31,9 @@ from rfca_rig.engine.interfaces import Bench
 from rfca_rig.errors import BadInput, DeviceError
 from rfca_rig.guardian.guarded_bus import GuardedBus
 from rfca_rig.subprocesses import can_be_started
-from rfca_rig.twin_server.faults import FaultEvent
+from rfca_rig.twin_server.faults import FaultEvent, FaultPanel
 from rfca_rig.twin_server.open_ports import TwinMaker
+from rfca_rig.twin_server.sensor_mount import mount_twin
 from rfca_rig.twins.drive_parts import LoopGains
 from rfca_rig.twins.wires import can_wire
 from rfca_rig.twins.world import MotorTwin, SensorTwin, TwinPlant, TwinWorld
@@ -205,7 +206,7 @@ def _twin_bench(
     # of a touchdown.
     noise, generator = _randomness(seed)
     pair = make_sensor_pair(rig, sensor_twin_maker(rig, twin, noise), faults.panel)
-    twins = _put_together(rig, twin, generator, faults.on_bus(twins_end), pair.twin)
+    twins = _put_together(rig, twin, generator, faults.on_bus(twins_end), pair.twin, faults.panel)
     clock.carry(faults.with_faults(twins.world.process, twins.motor))
     # Its photos are those of its own camera, whatever calibration they are read with.
     own_eye = None
@@ -244,13 +245,14 @@ def make_twins(
     seed: int,
     bus: can.BusABC,
     put_on_ports: Callable[[TwinMaker], SensorTwin],
+    panel: FaultPanel,
 ) -> Twins:
     """The twins of a rig on their ends of the wires; `put_on_ports` makes the sensor's on its
-    wire. `seed` decides all their randomness.
+    wire. `seed` decides all their randomness, `panel` switches the faults of the sensor's mounting.
     """
     noise, generator = _randomness(seed)
     return _put_together(
-        rig, twin, generator, bus, put_on_ports(sensor_twin_maker(rig, twin, noise))
+        rig, twin, generator, bus, put_on_ports(sensor_twin_maker(rig, twin, noise)), panel
     )
 
 
@@ -265,9 +267,11 @@ def _put_together(
     generator: np.random.Generator,
     bus: can.BusABC,
     sensor: SensorTwin,
+    panel: FaultPanel | None,
 ) -> Twins:
     plant = _plant(rig, twin, generator)
     motor = _make_motor_twin(rig, twin.drive, bus)
+    sensor = mount_twin(sensor, rig.sensor.mounting, panel)
     return Twins(plant, motor, sensor, TwinWorld(plant, motor, sensor))
 
 

@@ -17,13 +17,14 @@ from rfca_rig.twin_server.faults import (
     FaultSchedule,
     TamperedBus,
 )
+from rfca_rig.twin_server.sensor_mount import MOUNT_FAULTS
 from rfca_rig.twins.world import MotorTwin
 
 
 def faults_of(rig: RigFile) -> tuple[Fault, ...]:
     """Every fault that this rig's devices can have, except those of ports for other programs."""
     wire = find_sensor(rig.force_sensor.device).find_wire()
-    faults = (*CAN_FAULTS, *drive_faults_of(rig).faults)
+    faults = (*MOUNT_FAULTS, *CAN_FAULTS, *drive_faults_of(rig).faults)
     if wire is None:
         return faults
     return (*wire.faults, *faults)

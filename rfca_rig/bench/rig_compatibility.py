@@ -22,6 +22,8 @@ from rfca_rig.toml import model_of, read_text
 NOMINAL_SECTIONS = ("leg", "ground", "sensor", "drive", "effects", "known_to")
 # All analyses use one nominal model per recording, so these values may not change within a run.
 FIXED = (*(f"{section}." for section in NOMINAL_SECTIONS), "rig.kind")
+# A later check of the sensor is no other model.
+NOT_FIXED = "sensor.checked"
 
 # Key of the recording for a calibration that was given in place of the rig file's.
 CALIBRATION_KEY = "calibration_file"
@@ -121,7 +123,11 @@ def read_compatible_rig(begun: InterruptedRun, path: Path, deliberately: bool) -
         **_other_drivers(begun, now),
         **_other_curve(begun, before, now),
     }
-    fixed = {key: change for key, change in changes.items() if key.startswith(FIXED)}
+    fixed = {
+        key: change
+        for key, change in changes.items()
+        if key.startswith(FIXED) and not key.startswith(NOT_FIXED)
+    }
     if fixed:
         raise BadInput(
             f"{path}: {_describe(fixed)}; one run has one nominal model, so begin a new run"

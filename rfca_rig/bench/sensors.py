@@ -21,6 +21,7 @@ from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.devices import find_sensor
 from rfca_rig.drivers.camera import ArrivingPhotos, CameraThread, OpenCvCamera
 from rfca_rig.drivers.roles import Camera, ForceSensor, Photo, Photographer
+from rfca_rig.drivers.rotated_sensor import with_axes
 from rfca_rig.twin_server.faults import FaultPanel
 from rfca_rig.twin_server.open_ports import TwinMaker
 from rfca_rig.twins.camera import CameraTwin, StandingLeg
@@ -29,14 +30,14 @@ from rfca_rig.vision.leg_photo import PhotoSetup
 
 
 def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> ForceSensor:
-    """The driver that [force_sensor] names, on the real device; what it opened is closed with
-    the stack.
+    """The driver that [force_sensor] names, on the real device, in the rig's axes; what it opened
+    is closed with the stack.
     """
     keys = rig.force_sensor
     make = find_sensor(keys.device)
     way = make.open_way(keys, clock)
     stack.callback(way.close)
-    return make.make_driver(keys, way, clock)
+    return with_axes(make.make_driver(keys, way, clock), rig.sensor.mounting)
 
 
 def sensor_twin_maker(rig: RigFile, twin: TwinSection, random: np.random.Generator) -> TwinMaker:
@@ -51,7 +52,9 @@ def sensor_twin_maker(rig: RigFile, twin: TwinSection, random: np.random.Generat
 
 @dataclass(frozen=True)
 class SensorPair:
-    """A sensor's twin, and a function that makes the driver at the other end of its wire."""
+    """A sensor's twin, and a function that makes the driver at the other end of its wire, in the
+    rig's axes.
+    """
 
     twin: SensorTwin
     driver: Callable[[Clock], ForceSensor]
@@ -68,7 +71,8 @@ def make_sensor_pair(rig: RigFile, make_twin: TwinMaker, panel: FaultPanel | Non
         twin = way = make_twin(None)
     else:
         twin, way = wire.connect(keys, make_twin, panel)
-    return SensorPair(twin, lambda clock: make.make_driver(keys, way, clock))
+    axes = rig.sensor.mounting
+    return SensorPair(twin, lambda clock: with_axes(make.make_driver(keys, way, clock), axes))
 
 
 # Exposure and transfer to the host.

@@ -158,7 +158,7 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
             reached.add(fdcanusb, fdcanusb=fdcanusb.path)
         bus = TamperedBus(wire.join(), panel, drive_faults_of(rig).dialect)
         stack.callback(bus.shutdown)
-        twins = make_twins(rig, rig.twin, seed, bus, put_on_ports)
+        twins = make_twins(rig, rig.twin, seed, bus, put_on_ports, panel)
         twins.plant.set_height(openings.height_m)
         # The first step may take seconds to compile the model; clients never wait for it.
         twins.world.process(WARM_UP_S)

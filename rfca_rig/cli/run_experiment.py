@@ -41,6 +41,7 @@ from rfca_rig.cli.progress import (
 from rfca_rig.cli.run_config import RunConfig
 from rfca_rig.cli.terminal import Say, echo
 from rfca_rig.clock import WallClock
+from rfca_rig.drivers.roles import ConfiguredSensor
 from rfca_rig.engine.interfaces import Bench, StopLevel, StopRequest
 from rfca_rig.engine.run import Supervision, prove_stop, run_plan
 from rfca_rig.errors import BadInput, RigError
@@ -256,6 +257,16 @@ def ask_operator(config: RunConfig) -> None:
         raise BadInput(f"not armed: the force limit is {limit} N; nothing has moved")
 
 
+def warn_of_sensor(config: RunConfig, bench: Bench) -> None:
+    """Prints what the sensor's own settings do to the forces. Raises RigError where they contradict
+    the rig file.
+    """
+    if isinstance(bench.sensor, ConfiguredSensor):
+        say = make_marked_say(config.mark, config.quiet)
+        for warning in bench.sensor.check_configuration():
+            say(f"force sensor: {warning}")
+
+
 def prove_drive(config: RunConfig, bench: Bench) -> dict[str, str | float]:
     """Results of the arming for the run's events: the confirmation, and the drive's own stop."""
     watchdog_s = prove_stop(bench)
@@ -355,10 +366,11 @@ def _record(
         ExitStack() as signals,
         ExitStack() as helpers,
     ):
+        # Before the folder is made: a sensor or drive that is refused leaves no empty run behind.
+        warn_of_sensor(config, bench)
         if config.begun is not None:
             # Before anything is energised. What a drive tells only then is compared afterwards.
             compare_devices_with_run(config, config.begun, bench)
-        # Before the folder is made: a drive that is refused leaves no empty run behind.
         config = replace(config, zero_facts=zero.check_drive(bench))
         armed = prove_drive(config, bench) if bench.is_real else {}
         folder, keeper = _begin_recording(config, bench, started)

@@ -2,6 +2,9 @@
 units that ATI names; pure.
 """
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rfca_rig.errors import MalformedFrame
 
 # The bits of the Net F/T, manual 9620-05-net ft. Drivers of other sensors set the same ones.
@@ -45,6 +48,29 @@ MONITOR_LATCHED = 1 << 16
 # Words with which the values are good: a latched monitor condition does not affect them.
 WARNINGS = frozenset({0, MONITOR_LATCHED, ERROR | MONITOR_LATCHED})
 
+# The bits of an Ethernet Axia, manual 9610-05-Ethernet Axia, section 5.5. Bits 2, 27 and 30 stay
+# for 32 samples after their cause.
+AXIA_STATUS_BITS = {
+    31: "error, see the other bits",
+    30: "force or torque out of range",
+    29: "calibration checksum",
+    28: "simulated error",
+    27: "gage out of range",
+    16: "monitor condition latched",
+    7: "calibration not accessible",
+    5: "other error",
+    3: "busy",
+    2: "broken gage",
+    1: "supply voltage",
+    0: "temperature",
+}
+# No box uses this bit: words of an Axia have it set here, so that a recorded word says whose it is.
+OF_AXIA = 1 << 15
+# With these its values are no forces. Bit 17, which an Axia does not use, then marks them as it
+# does for every make.
+_AXIA_OUT_OF_RANGE = 1 << 30 | 1 << 27 | 1 << 2
+_COMMON_BITS = OF_AXIA | 1 << 17
+
 _LBF_N = 0.45359237 * 9.80665
 _INCH_M = 0.0254
 
@@ -83,12 +109,29 @@ _OTHER_NAMES = {
 }
 
 
+def mark_axia_status(words: NDArray[np.uint32]) -> NDArray[np.uint32]:
+    """Status words (m,) of an Ethernet Axia, with bit 15 as its mark, and bits 31 and 17 where its
+    values are no forces. Healthy words and warnings stay as they are.
+    """
+    if not np.count_nonzero(words):
+        return words
+    marked = words | np.uint32(OF_AXIA)
+    out_of_range = words & np.uint32(_AXIA_OUT_OF_RANGE) != 0
+    marked[out_of_range] |= np.uint32(SATURATED)
+    marked[np.isin(words, list(WARNINGS))] &= np.uint32(~OF_AXIA & 0xFFFFFFFF)
+    return marked
+
+
 def status_text(word: int) -> str:
     """The status word in hexadecimal with the meaning of every bit that is set, except the
-    summary bit.
+    summary bit. A word that `mark_axia_status` marked is shown as the Axia sent it.
     """
+    table = STATUS_BITS
+    if word & OF_AXIA:
+        table = AXIA_STATUS_BITS
+        word &= ~_COMMON_BITS
     bits = [bit for bit in range(30, -1, -1) if word >> bit & 1]
-    meanings = [STATUS_BITS.get(bit, f"bit {bit}, not documented") for bit in bits]
+    meanings = [table.get(bit, f"bit {bit}, not documented") for bit in bits]
     if not word:
         meanings = ["healthy"]
     elif not meanings:

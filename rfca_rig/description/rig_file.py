@@ -6,8 +6,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
+from rfca_rig.codecs.sensor_axes import NAMES, SensorAxes
 from rfca_rig.description.camera_file import (
     CameraFile,
     CameraSection,
@@ -50,6 +51,61 @@ class RigSection(Section):
     parked_angle_deg: Annotated[float, Field(ge=-90, le=90)] = Field(
         description="shaft angle at which a run ends, from the horizontal, positive downwards"
     )
+
+
+AxisName = Literal["x", "-x", "y", "-y", "z", "-z"]
+MIRRORED = (
+    "is left-handed, which no mounting of a sensor is: a cable or a channel is swapped, or a sign "
+    "is wrong; rfca-rig setup sensor finds out which"
+)
+
+
+class SensorCheckSection(Section):
+    """Last check of the sensor with a hand and a known mass, as `rfca-rig setup sensor` writes it.
+
+    It holds for the axes and the distance that it names.
+    """
+
+    date: str = Field(description="day of the check")
+    axes: Annotated[tuple[AxisName, AxisName, AxisName], Field(strict=False)] = Field(
+        description="the sensor's axes, found by three pushes"
+    )
+    mass_kg: Positive = Field(description="mass that was hung on the leg")
+    lever_mm: float = Field(description="distance of the mass from the shaft axis, along y")
+    force_N: float = Field(description="fz that the mass gave")
+    deviation_percent: float = Field(description="fz above the weight of the mass")
+    below_shaft_mm: float = Field(description="tx over fy of the push along y")
+
+
+class MountedSensorSection(SensorSection):
+    """[sensor]: tx_Nm = shaft torque + below_shaft * fy_N. `axes` names the axis of the device
+    along the rig's x, y and z.
+
+    The rig's y points along the ground to where the leg reaches, z down, and x away from somebody
+    who sees the leg reach to the right. ["-y", "x", "z"] is a sensor that is turned by 90 degrees
+    about z. A left-handed choice is refused.
+    """
+
+    axes: Annotated[tuple[AxisName, AxisName, AxisName], Field(strict=False)] = Field(
+        default=NAMES, description="axes of the device along the rig's x, y and z"
+    )
+    checked: SensorCheckSection | None = Field(
+        default=None, description="last check of the sensor, by rfca-rig setup sensor"
+    )
+
+    @field_validator("axes")
+    @classmethod
+    def _is_a_mounting(cls, names: tuple[str, str, str]) -> tuple[str, str, str]:
+        axes = SensorAxes(names)
+        if not axes.is_permutation:
+            raise ValueError("should name each of x, y and z once")
+        if not axes.is_right_handed:
+            raise ValueError(MIRRORED)
+        return names
+
+    @property
+    def mounting(self) -> SensorAxes:
+        return SensorAxes(self.axes)
 
 
 Share = Annotated[float, Field(gt=0, lt=1)]
@@ -142,7 +198,7 @@ class RigFile(Section):
     rig: RigSection
     leg: LegSection
     ground: GroundSection
-    sensor: SensorSection
+    sensor: MountedSensorSection
     drive: DriveSection
     effects: Effects = ()
     known_to: KnownToSection | None = None
@@ -203,7 +259,9 @@ class RigFile(Section):
         sections = {"leg", "ground", "sensor", "drive"}
         if self.effects:
             sections.add("effects")
-        return self.model_dump(include=sections, exclude_none=True, mode="json")
+        # Recorded forces are in the rig's axes, so the mounting is no part of the model.
+        mounting = {"sensor": {"axes", "checked"}}
+        return self.model_dump(include=sections, exclude=mounting, exclude_none=True, mode="json")
 
     def model(self) -> RigModel:
         """The nominal model."""

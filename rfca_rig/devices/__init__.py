@@ -145,6 +145,9 @@ class SensorMake:
     check
         The doctor's check: (keys, clock) -> iterator of findings. Without it, the doctor reads the
         sensor by its driver.
+    check_way
+        Findings on the settings that an open sensor states: (keys, way) -> list of findings, before
+        any stream. Without it there are none.
     find
         Searches for the sensor without a rig file: () -> FoundSensor.
     address
@@ -161,6 +164,7 @@ class SensorMake:
     open: str | None = None
     wire: str | None = "rfca_rig.twin_server.open_ports:SERIAL"
     check: str | None = None
+    check_way: str | None = None
     find: str | None = None
     address: tuple[str, str, str] = ("port", "its serial port", "/dev/ttyUSB0")
     usual: Mapping[str, Any] = field(default_factory=dict)

@@ -4,7 +4,7 @@ values are in SI units.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import TYPE_CHECKING, Protocol, TypeVar, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,6 +171,19 @@ class ForceSensor(Protocol):
         ...
 
     def identity(self) -> dict[str, str]: ...
+
+
+@runtime_checkable
+class ConfiguredSensor(Protocol):
+    """A force sensor whose own settings can be read before a run."""
+
+    def check_configuration(self) -> list[str]:
+        """Warnings of settings that change what is measured, in one line each.
+
+        Raises BadInput where a setting contradicts the rig file, DeviceError where the sensor does
+        not answer.
+        """
+        ...
 
 
 @dataclass(frozen=True, eq=False)

@@ -107,4 +107,4 @@ def test_a_status_word_is_told_bit_by_bit() -> None:
     assert status_text(0x80020000) == "status 0x80020000 (transducer saturation or A/D error)"
     assert status_text(0x80000000) == "status 0x80000000 (error, see the other bits)"
     assert "supply too low" in status_text(0x80000020)
-    assert "bit 15, not documented" in status_text(1 << 15)
+    assert "bit 0, not documented" in status_text(1)

@@ -35,7 +35,16 @@ from tests.twin_server.polling import polled
 TICK_S = 2e-3
 SPEED_RAD_S = 1.0
 NOTHING = "nothing"
-ON_THE_PAGES = frozenset({"force-scale", "http-busy"})
+ON_THE_PAGES = frozenset(
+    {
+        "force-scale",
+        "http-busy",
+        "box-tool-transformation",
+        "box-filter",
+        "box-pounds",
+        "box-axia",
+    }
+)
 CATALOGUE = (*FORCE_FAULTS, *BOX_FAULTS, *CAN_FAULTS, *FAULTS.faults)
 
 
@@ -105,10 +114,11 @@ def noticed_at_start(name: str) -> str:
         sensor.start()
         panel.switch_on(name)
         try:
+            warnings = sensor.check_configuration()
             sensor.start()
         except (BadInput, DeviceError) as error:
             return f"at the next start: {error}"
-    return NOTHING
+    return "; ".join(warnings) or NOTHING
 
 
 def said(rig: FaultyRig) -> str:

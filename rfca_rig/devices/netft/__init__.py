@@ -11,6 +11,7 @@ DEVICE = SensorMake(
     twin=f"{__name__}.twin:make_twin",
     wire=f"{__name__}.ports:WIRE",
     check=f"{__name__}.checks:check_sensor",
+    check_way=f"{__name__}.checks:check_way",
     find=f"{__name__}.checks:find_sensor",
     address=("host", "its address", "192.168.1.1"),
     example={"counts_per_N": 1e6, "counts_per_Nm": 1e6, "rate_Hz": 7000.0},

@@ -3,12 +3,19 @@ the search for one without a rig file.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rfca_rig.clock import Clock
-from rfca_rig.codecs.force_sensors import ERROR, MONITOR_LATCHED, SATURATED, WARNINGS, status_text
+from rfca_rig.codecs.force_sensors import (
+    ERROR,
+    MONITOR_LATCHED,
+    SATURATED,
+    WARNINGS,
+    mark_axia_status,
+    status_text,
+)
 from rfca_rig.devices.checks import (
     Finding,
     FoundSensor,
@@ -27,8 +34,14 @@ from rfca_rig.devices.netft.codec import (
     encode_request,
     start_command,
 )
-from rfca_rig.devices.netft.driver import HttpBox, make_box, refuse_difference
-from rfca_rig.devices.netft.section import NetFtBox, NetFtSection, NetFtSettings
+from rfca_rig.devices.netft.driver import (
+    HttpBox,
+    describe_settings,
+    list_warnings,
+    make_box,
+    refuse_difference,
+)
+from rfca_rig.devices.netft.section import NetFtBox, NetFtConnection, NetFtSection, NetFtSettings
 from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES, Datagrams, UdpDatagrams
 from rfca_rig.drivers.record_stream import RecordSequence
 from rfca_rig.drivers.roles import concatenate_blocks
@@ -94,13 +107,31 @@ def judge_box(seen: BoxObservation, settings: NetFtSettings) -> Finding:
                 "under Configurations"
             ),
         )
-    return green(
-        BOX,
-        (
-            f"{_name(seen.configuration)}set as the rig file says ({settings.counts_per_N:g} "
-            f"counts/N, {settings.rate_Hz:g} records/s)"
-        ),
+    summary = (
+        f"{_name(seen.configuration)}set as the rig file says ({settings.counts_per_N:g} "
+        f"counts/N, {settings.rate_Hz:g} records/s){_other_settings(seen.configuration)}"
     )
+    for warning in list_warnings(seen.configuration, settings):
+        observed, _, fix = warning.partition("; ")
+        return yellow(BOX, f"{summary}; {observed}", fix)
+    return green(BOX, summary)
+
+
+def _other_settings(configuration: NetFtConfiguration | CalibrationInfo) -> str:
+    """Filter and tool transformation, after a semicolon."""
+    if not isinstance(configuration, NetFtConfiguration):
+        return "; its command interface tells neither filter nor tool transformation"
+    names = {"low_pass": "filter", "tool_transformation": "tool transformation"}
+    return "".join(
+        f"; {names[name]} {text}" for name, text in describe_settings(configuration).items()
+    )
+
+
+def check_way(keys: NetFtSection, way: NetFtConnection) -> list[Finding]:
+    """The finding on the box behind an open connection, none where its settings are not read."""
+    if way.box is None:
+        return []
+    return [judge_box(look_at_box(keys.host, way.box), keys.settings())]
 
 
 def judge_stream(
@@ -215,7 +246,9 @@ def look_at_box(host: str, box: NetFtBox) -> BoxObservation:
         return BoxObservation(host, None, str(error))
 
 
-def look_at_stream(host: str, port: int, buffered: bool, clock: Clock) -> StreamObservation:
+def look_at_stream(
+    host: str, port: int, buffered: bool, clock: Clock, is_axia: bool = False
+) -> StreamObservation:
     """Streams for half a second. It takes the stream from any other client, and ends it."""
     address = f"{host}:{port}"
     try:
@@ -228,7 +261,7 @@ def look_at_stream(host: str, port: int, buffered: bool, clock: Clock) -> Stream
         return StreamObservation(address, STREAM_S, str(error))
     finally:
         datagrams.close()
-    return observe_stream(address, STREAM_S, arrived)
+    return observe_stream(address, STREAM_S, arrived, is_axia)
 
 
 def _stream(datagrams: Datagrams, buffered: bool, clock: Clock) -> list[bytes]:
@@ -249,7 +282,9 @@ def _stream(datagrams: Datagrams, buffered: bool, clock: Clock) -> list[bytes]:
     return arrived
 
 
-def observe_stream(address: str, seconds: float, datagrams: Sequence[bytes]) -> StreamObservation:
+def observe_stream(
+    address: str, seconds: float, datagrams: Sequence[bytes], is_axia: bool = False
+) -> StreamObservation:
     """Evaluates the received datagrams."""
     blocks: list[Records] = []
     malformed = 0
@@ -261,6 +296,8 @@ def observe_stream(address: str, seconds: float, datagrams: Sequence[bytes]) -> 
     if not blocks:
         return StreamObservation(address, seconds, malformed=malformed)
     records = concatenate_blocks(blocks)
+    if is_axia:
+        records = replace(records, status=mark_axia_status(records.status))
     sequence = RecordSequence()
     picked, numbers = sequence.take(records.rdt_sequence)
     # Only between neighbouring records: a lost one would look like a larger step.
@@ -290,7 +327,9 @@ def check_sensor(keys: NetFtSection, clock: Clock) -> Iterator[Finding]:
         answers = seen.configuration is not None
         yield judge_box(seen, settings)
     yield from judge_stream(
-        look_at_stream(keys.host, keys.port, keys.buffered, clock), settings, answers
+        look_at_stream(keys.host, keys.port, keys.buffered, clock, settings.is_axia),
+        settings,
+        answers,
     )
     yield judge_receive_buffer(probe_receive_buffer(), RECEIVE_BUFFER_BYTES, keys.rate_Hz)
 

@@ -37,6 +37,34 @@ PATH = "/netftapi2.xml"
 # A larger page is not parsed.
 MAX_PAGE_BYTES = 1 << 16
 
+# Units of the tool transformation. A box states "mm" and "degrees"; the other names are guesses
+# after the manual's units, none was seen on a box.
+MM_PER_UNIT = {"mm": 1.0, "cm": 10.0, "m": 1e3, "in": 25.4, "ft": 304.8}
+DEG_PER_UNIT = {
+    "degrees": 1.0,
+    "deg": 1.0,
+    "radians": float(np.degrees(1.0)),
+    "rad": float(np.degrees(1.0)),
+}
+# The command interface keeps hundredths of a unit.
+TRANSFORMATION_DIGITS = 0.005
+# Cut-off frequencies of the codes of setuserfilter on a NetBox. Not verified, neither on a box nor
+# in its manual. The codes of an Ethernet Axia depend on its sampling rate, and are not known here.
+LOW_PASS_HZ = {
+    "1": 838.0,
+    "2": 326.0,
+    "3": 152.0,
+    "4": 73.0,
+    "5": 35.0,
+    "6": 18.0,
+    "7": 8.0,
+    "8": 5.0,
+    "9": 1500.0,
+    "10": 2000.0,
+    "11": 2500.0,
+    "12": 3000.0,
+}
+
 COMMAND_PORT = 49151
 COMMAND_BYTES = 20
 
@@ -138,12 +166,45 @@ def encode_records(records: Records) -> bytes:
 
 
 @dataclass(frozen=True)
+class ToolTransformation:
+    """Shift and turn of the frame in which the box states forces, from the transducer's own: the
+    shift first, then the turns about x, y and z.
+
+    This order is not verified on a box; the numbers are only compared.
+    """
+
+    shift_mm: tuple[float, ...] = (0.0,) * 3
+    turn_deg: tuple[float, ...] = (0.0,) * 3
+
+    @property
+    def is_identity(self) -> bool:
+        return self.is_close(NO_TRANSFORMATION)
+
+    def is_close(self, other: "ToolTransformation") -> bool:
+        """Whether both are the same to the digits of the page."""
+        return bool(
+            np.allclose(self.shift_mm, other.shift_mm, rtol=0.0, atol=TRANSFORMATION_DIGITS)
+            and np.allclose(self.turn_deg, other.turn_deg, rtol=0.0, atol=TRANSFORMATION_DIGITS)
+        )
+
+    def __str__(self) -> str:
+        shift, turn = (
+            ", ".join(f"{value:g}" for value in values) for values in (self.shift_mm, self.turn_deg)
+        )
+        return f"shift {shift} mm, turn {turn} degrees"
+
+
+NO_TRANSFORMATION = ToolTransformation()
+
+
+@dataclass(frozen=True)
 class NetFtConfiguration:
     """Configuration of the box. None where an element is not on its page, as on other models and
     firmware.
 
     `rdt_rate_Hz` is the requested rate; the actual one follows from `decimation`. `low_pass` is the
-    code of its filter, "0" for none.
+    code of its filter, "0" for none. `is_axia`: the page is that of an Ethernet Axia, whose status
+    bits are others.
     """
 
     product: str
@@ -157,6 +218,8 @@ class NetFtConfiguration:
     internal_rate_Hz: float | None = None
     records_per_datagram: int | None = None
     low_pass: str | None = None
+    tool_transformation: ToolTransformation | None = None
+    is_axia: bool = False
 
     @property
     def counts_per_N(self) -> float:
@@ -196,6 +259,8 @@ def decode_configuration(page: bytes) -> NetFtConfiguration:
         internal_rate_Hz=_positive_or_none(values, "runrate"),
         records_per_datagram=records_per_datagram,
         low_pass=values.get("setuserfilter"),
+        tool_transformation=_transformation(values),
+        is_axia="axia" in values["prodname"].lower() or "setiirshift" in values,
     )
 
 
@@ -221,6 +286,7 @@ def _elements(configuration: NetFtConfiguration) -> dict[str, str]:
         "runrate": _number_text(configuration.internal_rate_Hz),
         "comrdtbsiz": _number_text(configuration.records_per_datagram),
         "setuserfilter": configuration.low_pass,
+        **_transformation_elements(configuration.tool_transformation),
     }
     return {name: value for name, value in known.items() if value is not None}
 
@@ -276,6 +342,48 @@ def _positive_or_none(values: Mapping[str, str], name: str) -> float | None:
     return _positive(values, name)
 
 
+def _transformation(values: Mapping[str, str]) -> ToolTransformation | None:
+    if "cfgtfx" not in values:
+        return None
+    text = values["cfgtfx"]
+    try:
+        numbers = [float(part) for part in text.strip(";").split(";")]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 6 or not all(map(isfinite, numbers)):
+        raise MalformedFrame(
+            f"configuration page: cfgtfx is {text[:60]!r}, must be six numbers with ; between them"
+        )
+    # Without a transformation the units mean nothing.
+    if not any(numbers):
+        return NO_TRANSFORMATION
+    mm = _size_of_unit(values, "scfgtdu", MM_PER_UNIT)
+    deg = _size_of_unit(values, "scfgtau", DEG_PER_UNIT)
+    return ToolTransformation(
+        tuple(mm * number for number in numbers[:3]), tuple(deg * number for number in numbers[3:])
+    )
+
+
+def _size_of_unit(values: Mapping[str, str], name: str, sizes: Mapping[str, float]) -> float:
+    unit = _require(values, name)
+    if unit not in sizes:
+        raise MalformedFrame(
+            f"configuration page: {name} is {unit[:40]!r}, known are {', '.join(sizes)}"
+        )
+    return sizes[unit]
+
+
+def _transformation_elements(transformation: ToolTransformation | None) -> dict[str, str]:
+    if transformation is None:
+        return {}
+    numbers = (*transformation.shift_mm, *transformation.turn_deg)
+    return {
+        "cfgtfx": ";".join(f"{number:.10g}" for number in numbers),
+        "scfgtdu": "mm",
+        "scfgtau": "degrees",
+    }
+
+
 def _is_enabled(values: Mapping[str, str], name: str) -> bool | None:
     text = values.get(name)
     if text is not None and text not in {"Enabled", "Disabled"}:
@@ -285,6 +393,23 @@ def _is_enabled(values: Mapping[str, str], name: str) -> bool | None:
     if text is None:
         return None
     return text == "Enabled"
+
+
+def describe_low_pass(code: str, is_axia: bool) -> str:
+    """The box's filter in words."""
+    if code == "0":
+        return "off"
+    cut_off_Hz = LOW_PASS_HZ.get(code)
+    if is_axia or cut_off_Hz is None:
+        return f"on, code {code}, cut-off not known here: see the box's Settings page"
+    return f"on, code {code}, about {cut_off_Hz:g} Hz (not verified)"
+
+
+def lag_of_low_pass_s(code: str, is_axia: bool) -> float | None:
+    """Time constant of a first-order low-pass with that cut-off; None where it is not known."""
+    if is_axia or code not in LOW_PASS_HZ:
+        return None
+    return 1.0 / (2.0 * np.pi * LOW_PASS_HZ[code])
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,6 +3,7 @@
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from http.client import HTTPException
 from urllib.request import ProxyHandler, build_opener
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.acquisition.acquired import AcquiredDatagrams, RecordSource
 from rfca_rig.clock import Clock, WallClock
-from rfca_rig.codecs.force_sensors import status_text
+from rfca_rig.codecs.force_sensors import mark_axia_status, status_text
 from rfca_rig.devices.netft.codec import (
     CALIBRATION_BYTES,
     COMMAND_PORT,
@@ -31,8 +32,10 @@ from rfca_rig.devices.netft.codec import (
     decode_configuration,
     decode_reading,
     decode_records,
+    describe_low_pass,
     encode_command,
     encode_request,
+    lag_of_low_pass_s,
     start_command,
 )
 from rfca_rig.devices.netft.section import NetFtBox, NetFtConnection, NetFtSection, NetFtSettings
@@ -131,8 +134,8 @@ def refuse_difference(
 ) -> None:
     """Compares the box's configuration with the settings.
 
-    Raises BadInput if counts or rate differ, DeviceError if the box will not stream. `where` names
-    the box in the message.
+    Raises BadInput if counts, rate, model, tool transformation or filter differ, DeviceError if the
+    box will not stream. `where` names the box in the message.
     """
     _refuse_counts(
         "counts_per_N",
@@ -149,8 +152,11 @@ def refuse_difference(
         where,
     )
     if isinstance(configuration, NetFtConfiguration):
-        # The command interface reports no rate.
+        # The command interface reports none of these.
+        _refuse_model(configuration, expected, where)
         _refuse_rate(configuration, expected, where)
+        _refuse_transformation(configuration, expected, where)
+        _refuse_filter(configuration, expected, where)
 
 
 def _refuse_counts(name: str, configured: float, expected: float, how: str, where: str) -> None:
@@ -182,6 +188,69 @@ def _refuse_rate(configuration: NetFtConfiguration, expected: NetFtSettings, whe
         )
 
 
+def _refuse_model(configuration: NetFtConfiguration, expected: NetFtSettings, where: str) -> None:
+    if configuration.is_axia == expected.is_axia:
+        return
+    names = {True: ("an Ethernet Axia", "axia"), False: ("a NetBox", "net-box")}
+    name, word = names[configuration.is_axia]
+    raise BadInput(
+        f"force sensor: {where} is {name}, whose status bits are others than those of "
+        f'{names[expected.is_axia][0]}; set model = "{word}" under [force_sensor]'
+    )
+
+
+def _refuse_transformation(
+    configuration: NetFtConfiguration, expected: NetFtSettings, where: str
+) -> None:
+    """A transformation that nobody knows of looks like crosstalk of the sensor."""
+    there = configuration.tool_transformation
+    stated = expected.tool_transformation
+    if there is None and not stated.is_identity:
+        raise BadInput(
+            f"force sensor: the rig file states a tool transformation ({stated}), the page of "
+            f"{where} states none; leave out tool_transformation_mm and tool_transformation_deg"
+        )
+    if there is None or there.is_close(stated):
+        return
+    raise BadInput(
+        f"force sensor: {where} has a tool transformation ({there}), the rig file states "
+        f"{'none' if stated.is_identity else stated}; set it to 0 on its Configurations page, or "
+        "give it as tool_transformation_mm and tool_transformation_deg under [force_sensor]"
+    )
+
+
+def _refuse_filter(configuration: NetFtConfiguration, expected: NetFtSettings, where: str) -> None:
+    there = configuration.low_pass
+    if there is None or expected.low_pass is None or there == str(expected.low_pass):
+        return
+    raise BadInput(
+        f"force sensor: low_pass is {expected.low_pass}, {where} has its filter "
+        f"{describe_low_pass(there, configuration.is_axia)}; correct the one that is wrong"
+    )
+
+
+def list_warnings(
+    configuration: NetFtConfiguration | CalibrationInfo, expected: NetFtSettings
+) -> list[str]:
+    """Settings of the box that are not refused, and yet change the forces."""
+    if not isinstance(configuration, NetFtConfiguration):
+        return []
+    code = configuration.low_pass
+    if code is None or code == "0" or expected.low_pass is not None:
+        return []
+    lag_s = lag_of_low_pass_s(code, configuration.is_axia)
+    lag = "forces come late"
+    effect = 'an effect "sensor_lag"'
+    if lag_s is not None:
+        lag = f"forces come about {1e3 * lag_s:.2g} ms late"
+        effect = f'[[effects]] id = "sensor_lag", parameters = {{ time_constant_s = {lag_s:.2g} }}'
+    return [
+        f"the box's low-pass filter is {describe_low_pass(code, configuration.is_axia)}: {lag}, "
+        "which looks like a lag of the rig; switch it off on its Settings page, or state "
+        f"low_pass = {code} under [force_sensor] and give the model {effect}"
+    ]
+
+
 class NetFtSensor:
     """A `ForceSensor` over datagrams, with an endless stream. Sends a bias only in `bias`: taring
     belongs to the experiment.
@@ -206,6 +275,7 @@ class NetFtSensor:
         self._advice = advice
         self._running = False
         self._serial_number = settings.serial_number
+        self._set_in_the_box: dict[str, str] = {}
         self._reset()
 
     def _reset(self) -> None:
@@ -222,21 +292,28 @@ class NetFtSensor:
         Raises BadInput if the box is configured differently from the settings, DeviceError if it
         does not answer.
         """
-        if self._box is not None:
-            configuration = self._box.read_configuration()
-            refuse_difference(
-                configuration,
-                self._settings,
-                f"the box at {self._settings.address or 'the other end'}",
-            )
-            if isinstance(configuration, NetFtConfiguration):
-                self._serial_number = configuration.serial_number or self._serial_number
+        self.check_configuration()
         self._send(RdtCommand.STOP)
         self._clock.wait_until(self._clock.now_s() + QUIET_S)
         self._datagrams.receive_all()
         self._reset()
         self._send(start_command(self._settings.buffered))
         self._running = True
+
+    def check_configuration(self) -> list[str]:
+        """Warnings of the box's settings; none where they are not read. Raises as `start`."""
+        if self._box is None:
+            return []
+        configuration = self._box.read_configuration()
+        refuse_difference(
+            configuration,
+            self._settings,
+            f"the box at {self._settings.address or 'the other end'}",
+        )
+        if isinstance(configuration, NetFtConfiguration):
+            self._serial_number = configuration.serial_number or self._serial_number
+            self._set_in_the_box = describe_settings(configuration)
+        return list_warnings(configuration, self._settings)
 
     def stop(self) -> None:
         """Ends the stream. Raises DeviceError if the request cannot be sent."""
@@ -278,11 +355,14 @@ class NetFtSensor:
 
     def _decode(self, datagram: bytes) -> Records | None:
         try:
-            return decode_records(datagram)
+            records = decode_records(datagram)
         except MalformedFrame as error:
             self._malformed += 1
             self._last_malformed = str(error)
             return None
+        if self._settings.is_axia:
+            return replace(records, status=mark_axia_status(records.status))
+        return records
 
     def _inspect(self, records: Records, numbers: NDArray[np.int64]) -> None:
         """Checks the status words, and the progress of the sensor's own sample counter."""
@@ -364,14 +444,33 @@ class NetFtSensor:
         return notes
 
     def identity(self) -> dict[str, str]:
+        make = "ATI Net F/T, RDT"
+        if self._settings.is_axia:
+            make = "ATI Ethernet Axia, RDT"
         return {
-            "make": "ATI Net F/T, RDT",
+            "make": make,
             "address": self._settings.address,
             "serial_number": self._serial_number,
             "counts_per_N": repr(self._settings.counts_per_N),
             "counts_per_Nm": repr(self._settings.counts_per_Nm),
             "rate_Hz": f"{1.0 / self._settings.record_period_s:.6g}",
+            **self._set_in_the_box,
         }
+
+
+def describe_settings(configuration: NetFtConfiguration) -> dict[str, str]:
+    """Settings of the box that change the forces, for the recording; without those that its page
+    does not state.
+    """
+    settings = {}
+    if configuration.low_pass is not None:
+        settings["low_pass"] = describe_low_pass(configuration.low_pass, configuration.is_axia)
+    transformation = configuration.tool_transformation
+    if transformation is not None:
+        settings["tool_transformation"] = (
+            "none" if transformation.is_identity else str(transformation)
+        )
+    return settings
 
 
 NO_SAMPLES = ForceSamples(

@@ -9,20 +9,32 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rfca_rig.codecs.force_sensors import SATURATED
+from rfca_rig.codecs.force_sensors import SATURATED, newton_metres_per, newtons_per
+from rfca_rig.codecs.sensor_axes import SensorAxes
 from rfca_rig.devices.netft.codec import (
     COMMAND_BYTES,
+    LOW_PASS_HZ,
     RECORD_BYTES,
+    NetFtConfiguration,
     RdtCommand,
     Records,
+    ToolTransformation,
     decode_records,
     decode_request,
     encode_records,
     encode_request,
 )
-from rfca_rig.devices.netft.section import NetFtConnection, NetFtSection
-from rfca_rig.devices.netft.twin import NetFtBoxTwin, NetFtTwin, Page
+from rfca_rig.devices.netft.section import BOX_RATE_HZ, NetFtConnection, NetFtSection
+from rfca_rig.devices.netft.twin import (
+    AXIA_OUT_OF_RANGE,
+    LARGEST_COUNT,
+    LowPass,
+    NetFtBoxTwin,
+    NetFtTwin,
+    Page,
+)
 from rfca_rig.errors import MalformedFrame
 from rfca_rig.twin_server.faults import Fault, FaultPanel
 from rfca_rig.twin_server.open_ports import OpenPorts, SensorWire, TwinMaker
@@ -78,11 +90,58 @@ FORCE_FAULTS = (
             "web page, which says so"
         ),
     ),
+    Fault(
+        "box-tool-transformation",
+        "the box turns all forces by 90 degrees about z; its web page says so",
+    ),
+    Fault("box-filter", "the box filters with 5 Hz; its web page says so, by a code"),
+    Fault("box-pounds", "the box counts in lbf and lbf-in; its web page says so"),
+    Fault(
+        "box-axia",
+        "the box is an Ethernet Axia that is out of range: status 0xc0000000, and its own web page",
+    ),
     Fault("bias-stops-stream", "a bias request ends the stream"),
     Fault("box-restart", "the stream ends and the sensor's sample counter begins at 0", once=True),
     Fault("stream-stolen", "another client took the stream, until it is started again", once=True),
 )
 BOX_FAULTS = (Fault("http-busy", "the box's web server turns every request away"),)
+
+
+FILTER_CODE = "8"
+TURNED_IN_THE_BOX = ToolTransformation(turn_deg=(0.0, 0.0, 90.0))
+TURNED_90 = SensorAxes(("-y", "x", "z"))
+POUNDS_PER_UNIT = 1.0 / np.repeat([newtons_per("lbf"), newton_metres_per("lbf-in")], 3)
+
+
+def state_faults(as_set: NetFtConfiguration, panel: FaultPanel) -> NetFtConfiguration:
+    """The configuration on the page of a box with the faults that are on."""
+    configuration = as_set
+    if panel.is_on("force-scale"):
+        configuration = replace(
+            configuration,
+            counts_per_force=2.0 * as_set.counts_per_force,
+            counts_per_torque=2.0 * as_set.counts_per_torque,
+        )
+    if panel.is_on("box-pounds"):
+        configuration = replace(configuration, force_unit="lbf", torque_unit="lbf-in")
+    if panel.is_on("box-filter"):
+        configuration = replace(configuration, low_pass=FILTER_CODE)
+    if panel.is_on("box-tool-transformation"):
+        configuration = replace(configuration, tool_transformation=TURNED_IN_THE_BOX)
+    if panel.is_on("box-axia"):
+        configuration = replace(configuration, product="Ethernet Axia twin", is_axia=True)
+    return configuration
+
+
+class TamperedBox:
+    """Implements `NetFtBox` for a driver in the same process, with the faults of a panel."""
+
+    def __init__(self, box: NetFtBoxTwin, panel: FaultPanel) -> None:
+        self._box = box
+        self._panel = panel
+
+    def read_configuration(self) -> NetFtConfiguration:
+        return state_faults(self._box.read_configuration(), self._panel)
 
 
 @dataclass
@@ -136,9 +195,7 @@ class _HttpConnection:
 
 
 class HttpPort:
-    """Serves GET only. The faults `http-busy` and `force-scale` act here; the latter also
-    changes the configuration page.
-    """
+    """Serves GET only. The fault `http-busy` acts here, and every fault that the page states."""
 
     def __init__(self, box: NetFtBoxTwin, panel: FaultPanel, host: str, port: int) -> None:
         self._box = box
@@ -193,14 +250,8 @@ class HttpPort:
         if words[0] != "GET":
             return Page(405, "text/plain", b"GET only")
         self._box.busy = self._panel.is_on("http-busy")
-        doubled = 1.0
-        if self._panel.is_on("force-scale"):
-            doubled = 2.0
-        counts = self._as_set.counts_per_force * doubled, self._as_set.counts_per_torque * doubled
-        # Set again for each request, as the fault may have been switched since the last one.
-        self._box.configuration = replace(
-            self._as_set, counts_per_force=counts[0], counts_per_torque=counts[1]
-        )
+        # Set again for each request, as a fault may have been switched since the last one.
+        self._box.configuration = state_faults(self._as_set, self._panel)
         return self._box.page(words[1])
 
     def close(self) -> None:
@@ -281,6 +332,7 @@ class TamperedLink:
         self._last_sample = 0
         self._frozen: Records | None = None
         self._stuck: Records | None = None
+        self._low_pass: LowPass | None = None
 
     def receive_all(self) -> list[bytes]:
         """Received requests, with those that a fault adds."""
@@ -324,13 +376,9 @@ class TamperedLink:
         records = replace(
             records, ft_sequence=records.ft_sequence - np.uint32(self._samples_before_restart)
         )
-        if self._panel.is_on("force-scale"):
-            records = replace(
-                records,
-                counts=np.clip(2 * records.counts.astype(np.int64), -(2**31) + 1, 2**31 - 1).astype(
-                    np.int32
-                ),
-            )
+        records = replace(records, counts=self._apply_settings(records))
+        if self._panel.is_on("box-axia"):
+            records = replace(records, status=np.full_like(records.status, AXIA_OUT_OF_RANGE))
         if self._panel.is_on("force-saturated"):
             records = replace(records, status=np.full_like(records.status, SATURATED))
         if self._panel.is_on("force-stuck"):
@@ -348,6 +396,26 @@ class TamperedLink:
         if self._frozen is None:
             return records
         return _repeat_sample(records, self._frozen)
+
+    def _apply_settings(self, records: Records) -> NDArray[np.int32]:
+        """Counts of a box that is set otherwise than the rig file says."""
+        counts = records.counts.astype(np.float64)
+        if self._panel.is_on("force-scale"):
+            counts *= 2.0
+        if self._panel.is_on("box-pounds"):
+            counts *= POUNDS_PER_UNIT
+        if self._panel.is_on("box-tool-transformation"):
+            # A frame that is turned by 90 degrees about z.
+            counts = TURNED_90.to_device(counts)
+        if self._panel.is_on("box-filter"):
+            self._low_pass = self._low_pass or LowPass(LOW_PASS_HZ[FILTER_CODE])
+            # Neighbouring records; a single one is as long as all of the box's own samples.
+            steps = np.diff(records.ft_sequence).view(np.int32)
+            step = int(np.median(steps)) if len(steps) else 1
+            counts = self._low_pass.apply(counts, max(step, 1) / BOX_RATE_HZ)
+        else:
+            self._low_pass = None
+        return np.rint(np.clip(counts, -LARGEST_COUNT, LARGEST_COUNT)).astype(np.int32)
 
     def _apply_network_faults(self, datagram: bytes) -> list[bytes]:
         """Applies the network faults, to every tenth datagram."""
@@ -407,7 +475,10 @@ class NetFtWire(SensorWire):
         twin = make_twin(twins_end if panel is None else TamperedLink(twins_end, panel))
         if keys.configuration == "unchecked":
             return twin, NetFtConnection(drivers_end, None)
-        return twin, NetFtConnection(drivers_end, NetFtBoxTwin(twin))
+        box = NetFtBoxTwin(twin)
+        if panel is not None:
+            return twin, NetFtConnection(drivers_end, TamperedBox(box, panel))
+        return twin, NetFtConnection(drivers_end, box)
 
     def open(
         self,

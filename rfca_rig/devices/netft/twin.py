@@ -7,7 +7,9 @@ from numpy.typing import NDArray
 
 from rfca_rig.codecs.force_sensors import SATURATED
 from rfca_rig.devices.netft.codec import (
+    LOW_PASS_HZ,
     MAX_RECORDS,
+    NO_TRANSFORMATION,
     PATH,
     RECORD_BYTES,
     CalibrationInfo,
@@ -17,6 +19,7 @@ from rfca_rig.devices.netft.codec import (
     ReadCalibrationInfo,
     Records,
     Request,
+    ToolTransformation,
     decode_command,
     decode_request,
     encode_calibration,
@@ -31,6 +34,8 @@ from rfca_rig.twins.wires import DatagramLink, SampleGrid
 Floats = NDArray[np.float64]
 
 LARGEST_COUNT = 2**31 - 1
+# What an Ethernet Axia sends instead of `SATURATED`: an error, force or torque out of range.
+AXIA_OUT_OF_RANGE = 1 << 31 | 1 << 30
 
 OK = 200
 NOT_FOUND = 404
@@ -45,7 +50,9 @@ class NetFtTwinSettings:
 
     It sends one record per `decimation` internal samples, and `buffer_records` of them per datagram
     in buffered mode. Public drivers disagree on whether setting the bias ends a running stream;
-    `bias_stops_stream` selects it.
+    `bias_stops_stream` selects it. `low_pass` is the code of its filter, here a first-order one of
+    the cut-off that is listed for the code; None or 0 is none. `tool_transformation` is only stated
+    on its page: the twin's transducer is mounted so that the wrench comes as the rig file says.
     """
 
     counts_per_N: float = 1e6
@@ -56,6 +63,32 @@ class NetFtTwinSettings:
     noise_std: tuple[float, ...] = (0.0,) * 6
     full_scale: tuple[float, ...] = (330.0, 330.0, 990.0, 30.0, 30.0, 30.0)
     bias_stops_stream: bool = False
+    is_axia: bool = False
+    low_pass: int | None = None
+    tool_transformation: ToolTransformation = NO_TRANSFORMATION
+
+
+class LowPass:
+    """First-order low-pass of sampled values. Which filter a box has is not known; this one has its
+    cut-off.
+    """
+
+    def __init__(self, cut_off_Hz: float) -> None:
+        self._rate_per_s = 2.0 * np.pi * cut_off_Hz
+        self._last: Floats | None = None
+
+    def apply(self, values: Floats, period_s: float) -> Floats:
+        """Filtered values (m, n) of equally spaced ones, which continue those of the last call."""
+        if not len(values):
+            return values
+        share = 1.0 - np.exp(-self._rate_per_s * period_s)
+        filtered = np.empty_like(values)
+        last = values[0] if self._last is None else self._last
+        for row, value in enumerate(values):
+            last = last + share * (value - last)
+            filtered[row] = last
+        self._last = last
+        return filtered
 
 
 @dataclass
@@ -93,6 +126,9 @@ class NetFtTwin:
         self._counts_per_unit = np.repeat([settings.counts_per_N, settings.counts_per_Nm], 3)
         self._noise_std = np.array(settings.noise_std)
         self._full_scale = np.array(settings.full_scale)
+        self._low_pass: LowPass | None = None
+        if settings.low_pass:
+            self._low_pass = LowPass(LOW_PASS_HZ[str(settings.low_pass)])
 
     def take_requests(self) -> None:
         """Executes received requests; the last one takes precedence. Other datagrams are
@@ -149,6 +185,9 @@ class NetFtTwin:
         """Takes the true wrench (m, 6), in N and N m, at the times that were due, and sends the
         datagrams that are full.
         """
+        if self._low_pass is not None:
+            settings = self.settings
+            wrench = self._low_pass.apply(wrench, settings.decimation / settings.internal_rate_Hz)
         if self._bias_wanted and len(wrench):
             self._bias = wrench[-1].copy()
             self._bias_wanted = False
@@ -227,7 +266,8 @@ class NetFtTwin:
         within = np.abs(noisy) <= self._full_scale
         # Compared so that a value that is no number counts as beyond the range.
         if not np.logical_and.reduce(within, axis=None):
-            status[~within.all(axis=1)] = SATURATED
+            out_of_range = AXIA_OUT_OF_RANGE if self.settings.is_axia else SATURATED
+            status[~within.all(axis=1)] = out_of_range
             noisy = np.minimum(np.maximum(noisy, -self._full_scale), self._full_scale)
         noisy -= self._bias
         noisy *= self._counts_per_unit
@@ -257,7 +297,7 @@ class NetFtBoxTwin:
         self._streaming = streaming
         self.busy = False
         self.configuration = NetFtConfiguration(
-            product="Net F/T twin",
+            product="Ethernet Axia twin" if settings.is_axia else "Net F/T twin",
             serial_number="TWIN",
             force_unit="N",
             torque_unit="Nm",
@@ -267,7 +307,9 @@ class NetFtBoxTwin:
             rdt_rate_Hz=round(settings.internal_rate_Hz / settings.decimation, 6),
             internal_rate_Hz=settings.internal_rate_Hz,
             records_per_datagram=settings.buffer_records,
-            low_pass="0",
+            low_pass=str(settings.low_pass or 0),
+            tool_transformation=settings.tool_transformation,
+            is_axia=settings.is_axia,
         )
         self._full_scale = settings.full_scale
 
@@ -332,7 +374,13 @@ def make_twin(
     random: np.random.Generator,
 ) -> NetFtTwin:
     """The twin of the box that [force_sensor] names, on its end of the link."""
+    stated = keys.settings()
     settings = keys.to_dataclass(
-        NetFtTwinSettings, decimation=keys.settings().decimation, noise_std=noise_std
+        NetFtTwinSettings,
+        decimation=stated.decimation,
+        internal_rate_Hz=stated.internal_rate_Hz,
+        noise_std=noise_std,
+        is_axia=stated.is_axia,
+        tool_transformation=stated.tool_transformation,
     )
     return NetFtTwin(link, settings, random)
