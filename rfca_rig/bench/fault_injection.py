@@ -2,7 +2,7 @@
 this process.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import can
 
@@ -74,14 +74,16 @@ class FaultInjection:
         return self._panel
 
     def with_faults(
-        self, process: Callable[[float], None], motor: MotorTwin
+        self, process: Callable[[float], None], motor: MotorTwin | None
     ) -> Callable[[float], None]:
         """`process`, which advances the twins to a time, preceded by the faults that are due
-        until then.
+        until then. `motor` is None where there is only a sensor.
         """
         if self._is_idle:
             return process
-        events = drive_faults_of(self._rig).events(motor)
+        events: Mapping[str, Callable[[], None]] = {}
+        if motor is not None:
+            events = drive_faults_of(self._rig).events(motor)
 
         def process_with_faults(to_s: float) -> None:
             # Switched before the step, so that a fault acts from its time on and not one step

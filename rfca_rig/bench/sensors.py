@@ -7,6 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -52,11 +53,12 @@ def sensor_twin_maker(rig: RigFile, twin: TwinSection, random: np.random.Generat
 
 @dataclass(frozen=True)
 class SensorPair:
-    """A sensor's twin, and a function that makes the driver at the other end of its wire, in the
+    """A sensor's twin, the way to it, and a function that makes the driver at that end, in the
     rig's axes.
     """
 
     twin: SensorTwin
+    way: Any
     driver: Callable[[Clock], ForceSensor]
 
 
@@ -72,7 +74,7 @@ def make_sensor_pair(rig: RigFile, make_twin: TwinMaker, panel: FaultPanel | Non
     else:
         twin, way = wire.connect(keys, make_twin, panel)
     axes = rig.sensor.mounting
-    return SensorPair(twin, lambda clock: with_axes(make.make_driver(keys, way, clock), axes))
+    return SensorPair(twin, way, lambda clock: with_axes(make.make_driver(keys, way, clock), axes))
 
 
 # Exposure and transfer to the host.

@@ -55,6 +55,12 @@ def folders_of(kind: str) -> list[Path]:
     return [Path(kind), PACKAGE.parent / kind, PACKAGE / "shipped" / kind]
 
 
+def is_shipped(path: Path) -> bool:
+    """Whether the file came with the package, so that no command may change it."""
+    parents = path.absolute().parents
+    return any(folder in parents for folder in folders_of("calibration")[1:])
+
+
 def find_shipped(kind: str) -> Path:
     """The folder of that kind that came with the package, whatever the current folder holds."""
     return next(folder for folder in folders_of(kind)[1:] if folder.is_dir())

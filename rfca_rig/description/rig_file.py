@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
-from rfca_rig.codecs.sensor_axes import NAMES, SensorAxes
+from rfca_rig.codecs.sensor_axes import SensorAxes
 from rfca_rig.description.camera_file import (
     CameraFile,
     CameraSection,
@@ -67,6 +67,7 @@ class SensorCheckSection(Section):
     """
 
     date: str = Field(description="day of the check")
+    source: Literal["REAL", "SIM"] = Field(description="the sensor itself, or its twin")
     axes: Annotated[tuple[AxisName, AxisName, AxisName], Field(strict=False)] = Field(
         description="the sensor's axes, found by three pushes"
     )
@@ -87,7 +88,7 @@ class MountedSensorSection(SensorSection):
     """
 
     axes: Annotated[tuple[AxisName, AxisName, AxisName], Field(strict=False)] = Field(
-        default=NAMES, description="axes of the device along the rig's x, y and z"
+        default=("x", "y", "z"), description="axes of the device along the rig's x, y and z"
     )
     checked: SensorCheckSection | None = Field(
         default=None, description="last check of the sensor, by rfca-rig setup sensor"

@@ -60,6 +60,7 @@ from rfca_rig.doctor.ports import (
     look_for_adapters,
     make_up_command,
 )
+from rfca_rig.doctor.sensor_setup import judge_last_check
 from rfca_rig.drivers.can_frames import list_interfaces
 from rfca_rig.drivers.photo_files import list_pictures
 from rfca_rig.drivers.roles import ForceSensor, Photo, Photographer, ShaftMotor
@@ -403,6 +404,7 @@ def check_rig(
     if not is_red:
         yield from check_shaft(rig, rig_path, clock)
     yield from check_sensor(rig.force_sensor, clock)
+    yield judge_last_check(rig.sensor)
     yield from check_camera(rig, clock)
     yield from check_computer(runs, clock, rig.watchdog_s)
 

@@ -91,11 +91,16 @@ def _print_findings(title: str, checks: "Iterator[Finding]") -> "Iterator[Findin
     """Prints each finding before the next check begins."""
     echo(title)
     for finding in checks:
-        first, *rest = _lines(finding)
-        echo(first, coloured=_colour_word(finding))
-        for line in rest:
-            echo(line)
+        print_finding(finding)
         yield finding
+
+
+def print_finding(finding: "Finding") -> None:
+    """Prints a finding with its colour, its fix and its commands."""
+    first, *rest = _lines(finding)
+    echo(first, coloured=_colour_word(finding))
+    for line in rest:
+        echo(line)
 
 
 def _colour_word(finding: "Finding") -> str:

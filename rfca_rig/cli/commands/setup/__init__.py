@@ -2,7 +2,7 @@
 
 import typer
 
-from rfca_rig.cli.commands.setup import zero
+from rfca_rig.cli.commands.setup import sensor, zero
 from rfca_rig.cli.options import Command
 
 app = typer.Typer(
@@ -10,3 +10,4 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 app.command("zero", cls=Command)(zero.zero)
+app.command("sensor", cls=Command)(sensor.sensor)

@@ -1,0 +1,107 @@
+"""Sets keys of a TOML file that people wrote: comments, order and all other lines stay."""
+
+import re
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from rfca_rig.errors import BadInput
+from rfca_rig.toml import format_value
+
+
+@dataclass(frozen=True)
+class _Statement:
+    """`KEY = VALUE` on the lines `begin` to `end`, without `end`; `comment` stands behind it."""
+
+    key: str
+    begin: int
+    end: int
+    comment: str
+
+
+def set_keys(text: str, table: str, values: Mapping[str, Any]) -> str:
+    """The text with these keys of [table] set: changed where they stand, else added behind the
+    last key of the table.
+
+    Raises BadInput, with the lines to be written by hand, where [table] has no header of its own,
+    or a key is written as a table.
+    """
+    lines = text.splitlines(keepends=True)
+    by_hand = "".join(f"\n{key} = {format_value(value)}" for key, value in values.items())
+    header = re.compile(rf"\s*\[\s*{re.escape(table)}\s*\]\s*(#.*)?$")
+    begin = next((number for number, line in enumerate(lines) if header.match(line)), None)
+    if begin is None:
+        raise BadInput(f"[{table}] has no line of its own; write under it by hand:{by_hand}")
+    ending = "\r\n" if lines[begin].endswith("\r\n") else "\n"
+    statements = list(_statements(lines, begin + 1))
+    after = statements[-1].end if statements else begin + 1
+    # From the end on, so that earlier line numbers stay right.
+    new = [f"{key} = {format_value(values[key])}{ending}" for key in values]
+    known = {statement.key: statement for statement in statements}
+    if not lines[after - 1].endswith("\n"):
+        lines[after - 1] += ending
+    lines[after:after] = [line for key, line in zip(values, new, strict=True) if key not in known]
+    for statement in reversed(statements):
+        if statement.key in values:
+            line = f"{statement.key} = {format_value(values[statement.key])}{statement.comment}"
+            lines[statement.begin : statement.end] = [line + ending]
+    edited = "".join(lines)
+    if not _is_as_wanted(text, edited, table, values):
+        raise BadInput(f"[{table}] is written in another way; change it by hand:{by_hand}")
+    return edited
+
+
+def _statements(lines: list[str], begin: int) -> Iterator[_Statement]:
+    """The statements of a table whose first line is `begin`, up to the next header."""
+    number = begin
+    while number < len(lines):
+        line = lines[number].strip()
+        if line.startswith("["):
+            return
+        if not line or line.startswith("#"):
+            number += 1
+            continue
+        end = number + 1
+        # A list may go over several lines.
+        while (key := _key_of("".join(lines[number:end]))) is None and end < len(lines):
+            end += 1
+        if key is None:
+            return
+        yield _Statement(key, number, end, _comment(lines[end - 1]) if end == number + 1 else "")
+        number = end
+
+
+def _key_of(statement: str) -> str | None:
+    try:
+        return next(iter(tomllib.loads(statement)))
+    except tomllib.TOMLDecodeError:
+        return None
+
+
+def _comment(line: str) -> str:
+    """The comment behind a statement, with the blanks before it; the sign may be in a text, too."""
+    line = line.rstrip("\r\n")
+    for number, character in enumerate(line):
+        if character == "#" and _key_of(line[:number]) is not None:
+            return line[len(line[:number].rstrip()) :]
+    return ""
+
+
+def _is_as_wanted(text: str, edited: str, table: str, values: Mapping[str, Any]) -> bool:
+    """Whether the edited text differs from the first one in these keys only."""
+    wanted = tomllib.loads(text)
+    wanted[table].update(values)
+    try:
+        return bool(tomllib.loads(edited) == _as_read(wanted))
+    except tomllib.TOMLDecodeError:
+        return False
+
+
+def _as_read(value: Any) -> Any:
+    """The value as it comes back from a file: tuples as lists, numbers with the digits written."""
+    if isinstance(value, Mapping):
+        return {key: _as_read(inner) for key, inner in value.items()}
+    if isinstance(value, list | tuple):
+        return [_as_read(inner) for inner in value]
+    return value
