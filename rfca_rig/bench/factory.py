@@ -33,7 +33,7 @@ from rfca_rig.guardian.guarded_bus import GuardedBus
 from rfca_rig.subprocesses import can_be_started
 from rfca_rig.twin_server.faults import FaultEvent, FaultPanel
 from rfca_rig.twin_server.open_ports import TwinMaker
-from rfca_rig.twin_server.sensor_mount import mount_twin
+from rfca_rig.twin_server.sensor_mount import SimulatedLoad, mount_twin
 from rfca_rig.twins.drive_parts import LoopGains
 from rfca_rig.twins.wires import can_wire
 from rfca_rig.twins.world import MotorTwin, SensorTwin, TwinPlant, TwinWorld
@@ -231,12 +231,15 @@ def _twin_bench(
 
 @dataclass(frozen=True)
 class Twins:
-    """The simulated devices of a twin rig; `world` advances all of them."""
+    """The simulated devices of a twin rig; `world` advances all of them. `load` is a hand on the
+    shaft, where the rig has a panel of faults.
+    """
 
     plant: LegPlant
     motor: MotorTwin
     sensor: SensorTwin
     world: TwinWorld
+    load: SimulatedLoad
 
 
 def make_twins(
@@ -271,8 +274,9 @@ def _put_together(
 ) -> Twins:
     plant = _plant(rig, twin, generator)
     motor = _make_motor_twin(rig, twin.drive, bus)
-    sensor = mount_twin(sensor, rig.sensor.mounting, panel)
-    return Twins(plant, motor, sensor, TwinWorld(plant, motor, sensor))
+    load = SimulatedLoad()
+    sensor = mount_twin(sensor, rig.sensor.mounting, panel, load)
+    return Twins(plant, motor, sensor, TwinWorld(plant, motor, sensor), load)
 
 
 def _plant(rig: RigFile, twin: TwinSection, generator: np.random.Generator) -> LegPlant:

@@ -59,6 +59,8 @@ class FaultInjection:
         self._panel = FaultPanel(faults_of(rig))
         # Refuses orders of unknown faults.
         self._agenda = FaultSchedule(orders, self._panel)
+        # A fault at 0 s is there from the beginning: settings are read before any time passes.
+        self._agenda.pass_to(0.0)
 
     def on_bus(self, end: can.BusABC) -> can.BusABC:
         """The drive's end of the wire."""

@@ -19,9 +19,6 @@ from rfca_rig.errors import BadInput
 from rfca_rig.twin_server.faults import FaultEvent
 from rfca_rig.twin_server.sensor_mount import MountedSensorTwin, SimulatedLoad
 
-# Faults at 0 s act from here on, before the settings are read.
-FIRST_STEP_S = 1e-3
-
 
 @dataclass(frozen=True)
 class SensorBench:
@@ -77,7 +74,6 @@ def open_sensor(
             way = pair.way
             twin = MountedSensorTwin(pair.twin, rig.sensor.mounting, injection.panel, load)
             twin_clock.carry(injection.with_faults(lambda to_s: _advance(twin, to_s), None))
-            twin_clock.wait_until(FIRST_STEP_S)
         settings: list[Finding] = []
         if make.check_way is not None:
             settings = load_object(make.check_way)(keys, way)

@@ -165,6 +165,13 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
         # The world's clock is ahead by the warm-up step, so every later time is shifted by it.
         loop = RealTimeLoop(lambda to_s: twins.world.process(WARM_UP_S + to_s), clock)
         # On this machine only (see `Openings`): its lines switch faults.
-        control = ControlPort(panel, openings.control_port, twins.plant.set_height, loop.status)
+        below_m = rig.sensor.below_shaft_mm / 1e3
+        control = ControlPort(
+            panel,
+            openings.control_port,
+            twins.plant.set_height,
+            loop.status,
+            lambda force_N, lever_m: twins.load.push(force_N, below_m, lever_m),
+        )
         reached.add(control, control_port=control.port)
         yield ServedRig(drive_faults_of(rig).events(twins.motor), panel, loop, reached)

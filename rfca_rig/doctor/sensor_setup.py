@@ -37,12 +37,14 @@ SETTLE_S = 0.4
 MEASURE_S = 1.0
 LONGEST_STEP_S = 120.0
 SILENT_S = 2.0
-# Half a kilogram: far above friction and noise, and easy for a hand.
-LEAST_PUSH_N = 5.0
+# Far above noise, and less than half a kilogram even where the sensor counts in pounds.
+LEAST_PUSH_N = 1.0
 # Below this share of it the hand has let go.
 RELEASED_SHARE = 0.3
-# A mass hangs still when two halves of a measurement differ by less.
-STEADY_SHARE = 0.01
+# A mass hangs still when two measurements differ by less of its weight.
+STEADY_SHARE = 0.02
+# The same without a load: far below the smallest push.
+STILL_N = 0.5
 
 # A hand keeps an axis to 10 or 15 degrees; halfway to the next axis are 45.
 MAX_ASIDE_DEG = 30.0
@@ -144,10 +146,9 @@ class SimulatedHand:
         direction = np.array(step.direction)
         at_m = np.array([0.0, step.lever_m, -self._below_shaft_m])
         if step.mass_kg is None:
-            force_N = self._random.uniform(15.0, 40.0) * (
-                direction + self.TILT * self._random.standard_normal(3)
-            )
-            at_m = at_m + self.BESIDE_M * self._random.standard_normal(3)
+            aside = self.TILT * self._random.standard_normal(3)
+            force_N = self._random.uniform(15.0, 40.0) * (direction + aside)
+            at_m += self.BESIDE_M * self._random.standard_normal(3)
         else:
             force_N = step.mass_kg * GRAVITY_M_S2 * direction
             at_m[1] += self.LEVER_STD_M * self._random.standard_normal()
@@ -172,13 +173,16 @@ class LoadMeter:
 
         Raises DeviceError where the sensor is silent or beyond its range, or no load comes.
         """
-        unloaded = self._mean(TARE_S)
+        unloaded = self._wait_for_rest(TARE_S, STILL_N)
         self._hand.apply(step)
         try:
             self._wait_for_load(unloaded, step)
-            load = self._mean(MEASURE_S) - unloaded
-            while step.mass_kg is not None and not self._is_steady(load, unloaded):
+            if step.mass_kg is None:
                 load = self._mean(MEASURE_S) - unloaded
+            else:
+                # It swings at first.
+                largest_N = STEADY_SHARE * step.mass_kg * GRAVITY_M_S2
+                load = self._wait_for_rest(MEASURE_S, largest_N) - unloaded
         finally:
             self._hand.release()
         self._wait_for_release(unloaded, float(np.linalg.norm(load[:3])))
@@ -212,9 +216,21 @@ class LoadMeter:
             return 1.0
         return min(1.0, 0.05 * step.mass_kg * GRAVITY_M_S2 / LEAST_PUSH_N)
 
-    def _is_steady(self, load: Floats, unloaded: Floats) -> bool:
-        again = self._mean(MEASURE_S) - unloaded
-        return abs(self._force_N(again) / self._force_N(load) - 1.0) < STEADY_SHARE
+    def _wait_for_rest(self, seconds: float, largest_N: float) -> Floats:
+        """Mean wrench (6,) of a time that differs by `largest_N` at most from the time before."""
+        until_s = self._clock.now_s() + LONGEST_STEP_S
+        before = self._mean(seconds)
+        while True:
+            mean = self._mean(seconds)
+            change_N = self._force_N(mean - before)
+            if change_N <= largest_N:
+                return mean
+            if self._clock.now_s() > until_s:
+                raise DeviceError(
+                    f"force sensor: its load still changes by {change_N:.2f} N after "
+                    f"{LONGEST_STEP_S:g} s; let it come to rest, and take hands and cables off"
+                )
+            before = mean
 
     def _wait_for_release(self, unloaded: Floats, load_N: float) -> None:
         until_s = self._clock.now_s() + LONGEST_STEP_S

@@ -21,9 +21,11 @@ from rfca_rig.twin_server.tcp import LOOPBACK, TcpClient, accept_all, is_http, l
 from rfca_rig.twins.drive_parts import DriveTwin
 
 LONGEST_LINE = 1024
+# Of a hand, in N, and of its lever, in mm.
+LARGEST_PUSH = 1000.0
 # Heating rate of the fault `drive-hot` in K/s.
 HEATING_K_s = 5.0
-VERBS = "on NAME, off NAME, off all, faults, status, height MM"
+VERBS = "on NAME, off NAME, off all, faults, status, height MM, push FX FY FZ [LEVER_MM]"
 
 
 @dataclass(frozen=True)
@@ -193,7 +195,8 @@ class _Connection:
 class ControlPort:
     """Answers each line with one or more lines, the last of which begins with `ok` or `error`.
 
-    `set_height` takes metres; `status` returns the server's state in one line.
+    `set_height` takes metres; `status` returns the server's state in one line. `push` takes the
+    force in N of a hand along the rig's axes, and in metres how far from the shaft along y it acts.
     """
 
     def __init__(
@@ -202,8 +205,10 @@ class ControlPort:
         port: int,
         set_height: Callable[[float], None],
         status: Callable[[], str],
+        push: Callable[[tuple[float, float, float], float], None] | None = None,
     ) -> None:
         self._panel = panel
+        self._push = push
         self._set_height = set_height
         self._status = status
         # Faults and heights are for the local user, even if the device ports are open to the
@@ -268,6 +273,9 @@ class ControlPort:
                 return [self._status()]
             case ["height", height_mm]:
                 self._set_height(_height_m(height_mm))
+            case ["push", *numbers] if self._push is not None and len(numbers) in {3, 4}:
+                fx, fy, fz, *lever_mm = _read_push(numbers)
+                self._push((fx, fy, fz), sum(lever_mm) / 1e3)
             case _:
                 raise BadInput(f"cannot read {' '.join(words)[:60]!r}; the commands are {VERBS}")
         return []
@@ -277,6 +285,19 @@ class ControlPort:
             connection.client.close()
         self._connections.clear()
         self._listening.close()
+
+
+def _read_push(texts: Sequence[str]) -> list[float]:
+    try:
+        numbers = [float(text) for text in texts]
+    except ValueError:
+        numbers = []
+    if not numbers or not all(abs(number) <= LARGEST_PUSH for number in numbers):
+        raise BadInput(
+            f"push {' '.join(texts)[:60]} is no force along x, y, z and lever, of at most "
+            f"{LARGEST_PUSH:g} N and mm"
+        )
+    return numbers
 
 
 def _height_m(height_mm: str) -> float:

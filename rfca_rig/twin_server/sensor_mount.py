@@ -2,6 +2,7 @@
 faults of a mounting, which no box and no protocol states.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -70,6 +71,11 @@ class SimulatedLoad:
 
     wrench: Floats = field(default_factory=lambda: np.zeros(6))
 
+    def push(self, force_N: Sequence[float], below_shaft_m: float, lever_m: float = 0.0) -> None:
+        """A force (3,) at the height of the shaft's axis, `lever_m` along y from it; 0 N ends."""
+        at_m = np.array([0.0, lever_m, -below_shaft_m])
+        self.wrench = load_at_point(np.array(force_N), at_m)
+
 
 class MountedSensorTwin:
     """Implements `SensorTwin`: the true wrench in the rig's axes, with the added load, becomes that
@@ -112,8 +118,10 @@ class MountedSensorTwin:
         return wrench
 
 
-def mount_twin(sensor: SensorTwin, axes: SensorAxes, panel: FaultPanel | None) -> SensorTwin:
-    """The sensor's twin as it is mounted; the same object where nothing is to be changed."""
+def mount_twin(
+    sensor: SensorTwin, axes: SensorAxes, panel: FaultPanel | None, load: SimulatedLoad
+) -> SensorTwin:
+    """The sensor's twin as it is mounted; the same object where nothing can change its load."""
     if axes.is_identity and panel is None:
         return sensor
-    return MountedSensorTwin(sensor, axes, panel, SimulatedLoad())
+    return MountedSensorTwin(sensor, axes, panel, load)

@@ -271,7 +271,8 @@ def tell(
     words: Annotated[
         list[str],
         typer.Argument(
-            metavar="WORD", help="on NAME, off NAME, off all, faults, status, or height MM."
+            metavar="WORD",
+            help="on NAME, off NAME, off all, faults, status, height MM, push FX FY FZ [LEVER_MM].",
         ),
     ],
     control_port: Annotated[

@@ -1,13 +1,15 @@
-"""rfca-rig setup: the first day with a real rig. A command to each file."""
+"""rfca-rig setup: the first day with a real rig. A command to each file, with its name."""
 
 import typer
 
-from rfca_rig.cli.commands.setup import sensor, zero
+from rfca_rig.cli.commands.setup.sensor import set_up_sensor
+from rfca_rig.cli.commands.setup.zero import zero
 from rfca_rig.cli.options import Command
 
 app = typer.Typer(
+    name="setup",
     help="The first day with a real rig: drives, zeros and axes are set up and checked.",
     no_args_is_help=True,
 )
-app.command("zero", cls=Command)(zero.zero)
-app.command("sensor", cls=Command)(sensor.sensor)
+app.command("zero", cls=Command)(zero)
+app.command("sensor", cls=Command)(set_up_sensor)

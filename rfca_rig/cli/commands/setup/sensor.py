@@ -43,7 +43,7 @@ Yes = Annotated[
 ]
 
 
-def sensor(
+def set_up_sensor(
     rig: RigToSetUp,
     mass_kg: MassKg = 1.0,
     lever_mm: LeverMm = 0.0,
