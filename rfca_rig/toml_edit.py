@@ -33,9 +33,11 @@ def set_keys(text: str, table: str, values: Mapping[str, Any]) -> str:
     begin = next((number for number, line in enumerate(lines) if header.match(line)), None)
     if begin is None:
         raise BadInput(f"[{table}] has no line of its own; write under it by hand:{by_hand}")
-    ending = "\r\n" if lines[begin].endswith("\r\n") else "\n"
+    ending = "\n"
+    if lines[begin].endswith("\r\n"):
+        ending = "\r\n"
     statements = list(_statements(lines, begin + 1))
-    after = statements[-1].end if statements else begin + 1
+    after = max((statement.end for statement in statements), default=begin + 1)
     # From the end on, so that earlier line numbers stay right.
     new = [f"{key} = {format_value(values[key])}{ending}" for key in values]
     known = {statement.key: statement for statement in statements}
@@ -68,7 +70,7 @@ def _statements(lines: list[str], begin: int) -> Iterator[_Statement]:
             end += 1
         if key is None:
             return
-        yield _Statement(key, number, end, _comment(lines[end - 1]) if end == number + 1 else "")
+        yield _Statement(key, number, end, _comment("".join(lines[number:end])))
         number = end
 
 
@@ -79,12 +81,12 @@ def _key_of(statement: str) -> str | None:
         return None
 
 
-def _comment(line: str) -> str:
+def _comment(statement: str) -> str:
     """The comment behind a statement, with the blanks before it; the sign may be in a text, too."""
-    line = line.rstrip("\r\n")
-    for number, character in enumerate(line):
-        if character == "#" and _key_of(line[:number]) is not None:
-            return line[len(line[:number].rstrip()) :]
+    statement = statement.rstrip("\r\n")
+    for number, character in enumerate(statement):
+        if character == "#" and _key_of(statement[:number]) is not None:
+            return statement[len(statement[:number].rstrip()) :]
     return ""
 
 

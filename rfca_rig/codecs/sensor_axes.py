@@ -32,7 +32,9 @@ class SensorAxes:
         """(3, 3): a vector in the rig's axes is this matrix times the vector in the device's."""
         matrix = np.zeros((3, 3), np.int32)
         for row, name in enumerate(self.names):
-            matrix[row, NAMES.index(name[-1])] = -1 if name.startswith("-") else 1
+            matrix[row, NAMES.index(name[-1])] = 1
+            if name.startswith("-"):
+                matrix[row] *= -1
         return matrix
 
     @property
@@ -57,7 +59,7 @@ class SensorAxes:
         return _turn(wrench, self.matrix)
 
     def to_device(self, wrench: Counts) -> Counts:
-        """The inverse of `to_rig`."""
+        """The inverse of `to_rig`: forces and moments (m, 6) in the device's axes."""
         return _turn(wrench, self.matrix.T)
 
     def describe(self) -> str:

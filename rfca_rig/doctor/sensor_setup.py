@@ -57,6 +57,8 @@ BELOW_TOLERANCE_MM = 12.0
 # A cord on a ruler, and how well the sensor is centred under the shaft.
 LEVER_TOLERANCE_MM = 5.0
 LEVER_TOLERANCE = 0.05
+# Before the name of an axis, by whether the force along it is negative.
+SIGNS = {False: "", True: "-"}
 # Ratios of the read to the true force, and what they are a sign of.
 KNOWN_RATIOS = {
     1.0 / 4.4482216: "as if the sensor counted in lbf",
@@ -103,7 +105,9 @@ def hang_mass(mass_kg: float, lever_mm: float) -> LoadStep:
     """The step with the known mass."""
     where = "straight below the shaft's axis"
     if lever_mm:
-        side = "to the side where the leg reaches" if lever_mm > 0.0 else "to the other side"
+        side = "to the side where the leg reaches"
+        if lever_mm < 0.0:
+            side = "to the other side"
         where = f"{abs(lever_mm):g} mm from the shaft's axis, {side}, on something that cannot turn"
     return LoadStep(
         "mass",
@@ -280,7 +284,7 @@ def find_axes(pushes: Mapping[str, Floats]) -> FoundAxes:
     for name in NAMES:
         force = pushes[name][:3]
         largest = int(np.abs(force).argmax())
-        sign = "-" if force[largest] < 0.0 else ""
+        sign = SIGNS[bool(force[largest] < 0.0)]
         names.append(f"{sign}{NAMES[largest]}")
         share = abs(force[largest]) / np.linalg.norm(force)
         aside_deg[name] = float(np.degrees(np.arccos(np.clip(share, 0.0, 1.0))))

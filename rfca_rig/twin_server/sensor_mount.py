@@ -31,20 +31,25 @@ MOUNT_FAULTS = (
 )
 
 
-def _both(forces: list[list[float]], moments: list[list[float]] | None = None) -> Floats:
-    """(6, 6) of the 3 x 3 matrices of forces and moments; moments as forces if not given."""
+def _both(forces: list[list[float]], moments: list[list[float]]) -> Floats:
+    """(6, 6) of the 3 x 3 matrices of forces and moments."""
     matrix = np.zeros((6, 6))
     matrix[:3, :3] = forces
-    matrix[3:, 3:] = forces if moments is None else moments
+    matrix[3:, 3:] = moments
     return matrix
+
+
+def _turned(matrix: list[list[float]]) -> Floats:
+    """(6, 6) of a sensor that is turned: moments as forces."""
+    return _both(matrix, matrix)
 
 
 _UNCHANGED = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
 # What the sensor reads is the matrix times what it would read without the fault.
 _IN_THE_SENSOR = {
-    "sensor-turned-90": _both([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
-    "sensor-turned-180": _both([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]),
-    "sensor-upside-down": _both([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]),
+    "sensor-turned-90": _turned([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]),
+    "sensor-turned-180": _turned([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, 1.0]]),
+    "sensor-upside-down": _turned([[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, -1.0]]),
     # Moments of a mirrored frame turn the other way.
     "sensor-mirrored": _both(
         [[-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
@@ -98,9 +103,11 @@ class MountedSensorTwin:
         self._sensor.take_requests()
 
     def due(self, to_s: float) -> Floats:
+        """Sample times (m,) in s of the sensor itself."""
         return self._sensor.due(to_s)
 
     def take_wrench(self, wrench: Floats) -> None:
+        """Takes the true wrench (m, 6) in the rig's axes."""
         if len(wrench):
             wrench = wrench + self._load.wrench
             if self._panel is not None and self._panel.is_on(LOWER.name):

@@ -111,9 +111,9 @@ def test_what_the_box_does_to_the_forces_is_said_before_a_run(tmp_path, monkeypa
     monkeypatch.chdir(tmp_path)
     words = ("dynamic", "run", "--rig", written(tmp_path), "--height", 320, "--speed", 3)
     one = ("--repeats", 1)
-    refused = typed(monkeypatch, capsys, *words, *one, "--fault", "box-tool-transformation@0")
+    refused = typed(monkeypatch, capsys, *words, *one, "--fault", "box-turned@0")
     assert refused.exit_code == 2
-    assert "has a tool transformation" in refused.err
+    assert "the tool transformation of the box" in refused.err
     assert not list(tmp_path.glob("runs/*"))
 
 

@@ -86,6 +86,7 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ("reference", "show"),
     ("reference", "history", "--out", "history"),
     ("reference", "clear", "{run}"),
+    ("setup", "sensor", "--rig", "calibration/twin.toml", "--yes"),
     ("datasets", "list"),
     ("datasets", "get", "golf"),
     ("init", "--mjcf", "cart/model.xml", "--data", "draft"),

@@ -20,7 +20,7 @@ CASES = {
     "channel-inverted": ("sensor's axes", "red", "fz has the wrong sign"),
     "sensor-gain": ("counts per newton", "red", "+20.0 %, where 5 % may differ"),
     "sensor-lower": ("below_shaft", "red", "(tx / fy), the rig file says 45"),
-    "box-tool-transformation": ("sensor's box", "red", "turn 0, 0, 90 degrees"),
+    "box-turned": ("sensor's box", "red", "turn 0, 0, 90 degrees"),
     "box-filter": ("sensor's box", "yellow", "code 8, about 5 Hz (not verified): forces come"),
     "box-pounds": ("sensor's box", "red", "1e+06 per lbf"),
     "box-axia": ("sensor's box", "red", "is an Ethernet Axia, whose status bits"),

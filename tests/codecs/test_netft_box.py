@@ -29,6 +29,73 @@ PAGE = b"""<?xml version="1.0"?><netft><runstat>0x00000000</runstat><runrate>700
 NAMES = st.sampled_from(["N", "lbf", "kN"]), st.sampled_from(["Nm", "lbf-in", "Nmm"])
 
 
+def with_transformation(cfgtfx: str, distance: str = "mm", angle: str = "degrees") -> bytes:
+    elements = (
+        f"<cfgtfx>{cfgtfx}</cfgtfx><scfgtdu>{distance}</scfgtdu><scfgtau>{angle}</scfgtau></netft>"
+    )
+    return PAGE.replace(b"</netft>", elements.encode())
+
+
+@pytest.mark.parametrize(
+    ("page", "shift_mm", "turn_deg"),
+    [
+        (with_transformation("0;0;0;0;0;0"), (0, 0, 0), (0, 0, 0)),
+        # Without a transformation the units mean nothing.
+        (with_transformation("0;0;0;0;0;0;", "furlong", ""), (0, 0, 0), (0, 0, 0)),
+        (with_transformation("1;-2;12.5;0;0;90"), (1, -2, 12.5), (0, 0, 90)),
+        (with_transformation("0;0;1;0;0;0", "in"), (0, 0, 25.4), (0, 0, 0)),
+        (with_transformation("0;0;0.1;0;0;0", "m"), (0, 0, 100), (0, 0, 0)),
+        (with_transformation("0;0;0;0;3.14159265359;0", "mm", "radians"), (0, 0, 0), (0, 180, 0)),
+    ],
+)
+def test_the_tool_transformation_is_read_in_its_units(page, shift_mm, turn_deg) -> None:
+    read = decode_configuration(page).tool_transformation
+    assert read.shift_mm == pytest.approx(shift_mm)
+    assert read.turn_deg == pytest.approx(turn_deg)
+    assert read.is_identity == (not any(shift_mm) and not any(turn_deg))
+    configuration = decode_configuration(nc.encode_configuration(decode_configuration(page), {}))
+    assert configuration.tool_transformation.is_close(read)
+
+
+def test_a_page_without_a_tool_transformation_tells_none() -> None:
+    assert decode_configuration(PAGE).tool_transformation is None
+
+
+@pytest.mark.parametrize(
+    ("page", "said"),
+    [
+        (with_transformation("1;2;3"), "cfgtfx is '1;2;3', must be six numbers"),
+        (with_transformation("0;0;0;0;0;nan"), "must be six numbers"),
+        (with_transformation("0;0;1;0;0;0", "furlong"), "scfgtdu is 'furlong', known are mm"),
+        (with_transformation("0;0;1;0;0;0", "mm", ""), "lacks scfgtau"),
+    ],
+)
+def test_a_tool_transformation_that_cannot_be_read_is_malformed(page, said) -> None:
+    with pytest.raises(MalformedFrame, match=said):
+        decode_configuration(page)
+
+
+@pytest.mark.parametrize(
+    ("page", "is_axia"),
+    [
+        (PAGE, False),
+        (PAGE.replace(b">Net F/T<", b">Ethernet Axia80<"), True),
+        (PAGE.replace(b"</netft>", b"<setiirshift>2</setiirshift></netft>"), True),
+    ],
+)
+def test_an_axia_is_known_by_its_page(page, is_axia) -> None:
+    assert decode_configuration(page).is_axia is is_axia
+
+
+def test_a_filter_is_described_as_far_as_it_is_known() -> None:
+    assert nc.describe_low_pass("0", False) == "off"
+    assert nc.describe_low_pass("8", False) == "on, code 8, about 5 Hz (not verified)"
+    assert "cut-off not known here" in nc.describe_low_pass("8", True)
+    assert "cut-off not known here" in nc.describe_low_pass("13", False)
+    assert nc.lag_of_low_pass_s("8", False) == pytest.approx(0.0318, abs=1e-4)
+    assert nc.lag_of_low_pass_s("8", True) is None
+
+
 def test_commands_are_the_documented_twenty_bytes() -> None:
     assert nc.encode_command(nc.ReadForce()) == READ
     assert nc.encode_command(nc.ReadForce(bias=True)) == READ_AND_BIAS

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rfca_rig.codecs.force_sensors import SATURATED, status_text
+from rfca_rig.codecs.force_sensors import SATURATED, mark_axia_status, status_text
 from rfca_rig.devices.netft.codec import (
     RECORD_BYTES,
     RdtCommand,
@@ -108,3 +108,28 @@ def test_a_status_word_is_told_bit_by_bit() -> None:
     assert status_text(0x80000000) == "status 0x80000000 (error, see the other bits)"
     assert "supply too low" in status_text(0x80000020)
     assert "bit 0, not documented" in status_text(1)
+
+
+@pytest.mark.parametrize(
+    ("word", "marked", "text"),
+    [
+        (0, 0, "status 0x00000000 (healthy)"),
+        (0x80010000, 0x80010000, "status 0x80010000 (monitor condition latched)"),
+        (0x80000001, 0x80008001, "status 0x80000001 (temperature)"),
+        (0x80000002, 0x80008002, "status 0x80000002 (supply voltage)"),
+        (0x90000000, 0x90008000, "status 0x90000000 (simulated error)"),
+        # Broken gage, gage and load out of range: the values are no forces.
+        (0x80000004, 0x80028004, "status 0x80000004 (broken gage)"),
+        (0x88000000, 0x88028000, "status 0x88000000 (gage out of range)"),
+        (0xC0000000, 0xC0028000, "status 0xc0000000 (force or torque out of range)"),
+        # The summary bit is set where an older Axia does not set it.
+        (0x08000000, 0x88028000, "status 0x88000000 (gage out of range)"),
+        (0x80000200, 0x80008200, "status 0x80000200 (bit 9, not documented)"),
+    ],
+)
+def test_a_status_word_of_an_axia_is_told_by_its_own_table(word, marked, text) -> None:
+    (found,) = mark_axia_status(np.array([word], np.uint32))
+    assert found == marked
+    assert status_text(int(found)) == text
+    # The word as it was sent comes back.
+    assert int(found) & ~0x28000 in (word, word | 0x80000000)

@@ -15,9 +15,11 @@ import pytest
 from rfca_rig.clock import TwinClock
 from rfca_rig.devices.netft.codec import (
     COMMAND_BYTES,
+    NO_TRANSFORMATION,
     CalibrationInfo,
     RdtCommand,
     ReadForce,
+    ToolTransformation,
     decode_reading,
     decode_request,
     encode_command,
@@ -28,6 +30,8 @@ from rfca_rig.devices.netft.twin import NetFtBoxTwin, NetFtTwin, NetFtTwinSettin
 from rfca_rig.drivers.ports import RECEIVE_BUFFER_BYTES, advise_receive_buffer
 from rfca_rig.errors import BadInput, DeviceError, RigError
 from rfca_rig.twins.wires import datagram_link
+
+TURNED = ToolTransformation((0.0, 0.0, 12.5), (0.0, 0.0, 45.0))
 
 
 def made(settings: NetFtTwinSettings | None = None) -> tuple[NetFtBoxTwin, NetFtTwin]:
@@ -209,6 +213,19 @@ def test_a_box_that_agrees_starts_its_stream_and_lends_its_serial_number() -> No
             DeviceError,
             r"RDT is disabled on the box at 10\.0\.0\.7; enable it \(comrdte\)",
         ),
+        (
+            {"tool_transformation": TURNED},
+            BadInput,
+            (
+                r"the tool transformation of the box at 10\.0\.0\.7 is shift 0, 0, 12\.5 mm, turn "
+                r"0, 0, 45 degrees, the rig file states none; set it to 0"
+            ),
+        ),
+        (
+            {"is_axia": True},
+            BadInput,
+            r'10\.0\.0\.7 is an Ethernet Axia, .* those of a NetBox; set model = "axia"',
+        ),
     ],
 )
 def test_a_box_set_otherwise_is_refused_in_one_line_before_anything_is_sent(
@@ -224,6 +241,81 @@ def test_a_box_set_otherwise_is_refused_in_one_line_before_anything_is_sent(
         sensor.start()
     assert "\n" not in str(caught.value)
     assert there.receive_all() == []
+
+
+def sensor_beside(box: NetFtBoxTwin, **stated: object) -> NetFtSensor:
+    settings = NetFtSettings(1e6, 2e6, 1000.0, **stated)
+    return NetFtSensor(datagram_link()[0], TwinClock(), settings, box)
+
+
+@pytest.mark.parametrize(
+    ("there", "stated", "said"),
+    [
+        (TURNED, TURNED, None),
+        (TURNED, ToolTransformation((0.0, 0.0, 12.504), (0.0, 0.0, 45.0)), None),
+        (
+            TURNED,
+            ToolTransformation((0.0, 0.0, 12.6), (0.0, 0.0, 45.0)),
+            "the rig file states shift",
+        ),
+        (
+            NO_TRANSFORMATION,
+            TURNED,
+            r"has a tool transformation \(none\), the rig file states shift",
+        ),
+        (None, TURNED, "the rig file states a tool transformation .* states none; leave out"),
+        (None, NO_TRANSFORMATION, None),
+    ],
+)
+def test_a_tool_transformation_must_be_the_one_that_is_stated(there, stated, said) -> None:
+    box, _ = made()
+    box.configuration = replace(box.configuration, tool_transformation=there)
+    sensor = sensor_beside(box, tool_transformation=stated)
+    if said is None:
+        assert sensor.check_configuration() == []
+        return
+    with pytest.raises(BadInput, match=said):
+        sensor.check_configuration()
+
+
+@pytest.mark.parametrize(
+    ("there", "stated", "said"),
+    [
+        ("0", None, None),
+        (None, None, None),
+        (None, 3, None),
+        ("3", 3, None),
+        ("0", 3, "low_pass is 3, .* has its filter off"),
+        ("8", 3, r"low_pass is 3, .* has its filter on, code 8, about 5 Hz \(not verified\)"),
+    ],
+)
+def test_a_stated_filter_must_be_the_one_of_the_box(there, stated, said) -> None:
+    box, _ = made()
+    box.configuration = replace(box.configuration, low_pass=there)
+    sensor = sensor_beside(box, low_pass=stated)
+    if said is None:
+        assert sensor.check_configuration() == []
+        return
+    with pytest.raises(BadInput, match=said):
+        sensor.check_configuration()
+
+
+def test_a_filter_that_nobody_stated_is_a_warning_with_its_lag_and_is_recorded() -> None:
+    box, _ = made()
+    box.configuration = replace(box.configuration, low_pass="8", tool_transformation=None)
+    sensor = sensor_beside(box)
+    assert "low_pass" not in sensor.identity()
+    (warning,) = sensor.check_configuration()
+    assert "about 32 ms late" in warning
+    assert 'id = "sensor_lag", parameters = { time_constant_s = 0.032 }' in warning
+    assert sensor.identity()["low_pass"] == "on, code 8, about 5 Hz (not verified)"
+    assert "tool_transformation" not in sensor.identity()
+
+
+def test_a_netbox_that_is_taken_for_an_axia_is_refused() -> None:
+    box, _ = made()
+    with pytest.raises(BadInput, match=r'is a NetBox, .*; set model = "net-box"'):
+        sensor_beside(box, is_axia=True).check_configuration()
 
 
 def test_counts_changed_between_two_streams_are_noticed() -> None:

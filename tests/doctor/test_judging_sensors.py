@@ -13,7 +13,11 @@ from rfca_rig.devices.netft.checks import (
     judge_found_sensor,
     judge_stream,
 )
-from rfca_rig.devices.netft.codec import NetFtConfiguration
+from rfca_rig.devices.netft.codec import (
+    CalibrationInfo,
+    NetFtConfiguration,
+    ToolTransformation,
+)
 from rfca_rig.devices.netft.section import NetFtSettings
 from tests.doctor.said import colours, whole
 
@@ -34,6 +38,19 @@ STREAM = StreamObservation("10.0.0.7:49152", 0.5, received=3500, step=1, words=(
         (replace(PAGE, force_unit="lbf"), "red", "counts_per_N is 1000000"),
         (replace(PAGE, rdt_rate_Hz=1000.0), "red", "rate_Hz is 7000"),
         (replace(PAGE, rdt_enabled=False), "red", "RDT is disabled"),
+        (replace(PAGE, low_pass="0"), "green", "records/s); filter off"),
+        (replace(PAGE, low_pass="8"), "yellow", "about 32 ms late, which looks like a lag"),
+        (replace(PAGE, is_axia=True), "red", "is an Ethernet Axia"),
+        (
+            replace(PAGE, tool_transformation=ToolTransformation((0.0, 0.0, 5.0))),
+            "red",
+            "10.0.0.7 is shift 0, 0, 5 mm, turn 0, 0, 0 degrees, the rig file states none",
+        ),
+        (
+            CalibrationInfo("N", "Nm", 10**6, 10**6, (1,) * 6),
+            "green",
+            "its command interface tells neither filter nor tool transformation",
+        ),
     ],
 )
 def test_a_box_is_held_against_the_rig_file(says, colour, said):

@@ -8,7 +8,16 @@ from functools import partial
 
 import pytest
 
+from rfca_rig.bench.sensor_bench import open_sensor
 from rfca_rig.cli.commands.doctor import WIDTH
+from rfca_rig.description.rig_file import read_rig
+from rfca_rig.doctor.sensor_setup import (
+    PUSHES,
+    LoadStep,
+    hang_mass,
+    judge_mounting,
+    measure_loads,
+)
 from tests.cli.typed import Said, typed
 from tests.engine.rigs import ROOT
 from tests.twin_server.server import Server, serving
@@ -138,6 +147,52 @@ def test_a_box_set_otherwise_and_a_sensor_beyond_its_range_are_told(told, server
     said = by_subject(told("--json", counts_per_N="500000.0"))
     assert "counts_per_N is 500000" in said["sensor's box"]["seen"]
     assert "saturation" in said["sensor's status"]["seen"]
+
+
+@pytest.mark.realtime
+def test_a_sensor_that_was_never_checked_with_a_hand_is_yellow(told):
+    said = by_subject(told("--json"))
+    assert said["sensor's mounting"]["colour"] == "yellow"
+    assert said["sensor's mounting"]["commands"] == ["rfca-rig setup sensor --rig FILE"]
+
+
+class HandAtTheServer:
+    """Pushes the twin behind the network, when a person would."""
+
+    def __init__(self, server: Server) -> None:
+        self._server = server
+
+    def apply(self, step: LoadStep) -> None:
+        force_N = 20.0
+        if step.mass_kg is not None:
+            force_N = step.mass_kg * 9.80665
+        force = " ".join(f"{force_N * share:g}" for share in step.direction)
+        assert self._server.told(f"push {force} {1e3 * step.lever_m:g}") == "ok\n"
+
+    def release(self) -> None:
+        assert self._server.told("push 0 0 0") == "ok\n"
+
+
+@pytest.mark.realtime
+@pytest.mark.parametrize(
+    ("fault", "axes"), [(None, ("x", "y", "z")), ("sensor-turned-90", ("-y", "x", "z"))]
+)
+def test_a_sensor_on_the_network_is_pushed_and_its_axes_found(server, tmp_path, fault, axes):
+    server.told("off all")
+    if fault is not None:
+        server.told(f"on {fault}")
+    file = tmp_path / "real.toml"
+    file.write_text(written(server, {}))
+    rig = read_rig(file)
+    mass = hang_mass(1.0, 100.0)
+    with open_sensor(rig, 0) as bench:
+        assert bench.load is None
+        assert [str(finding.colour) for finding in bench.settings] == ["green"]
+        loads = measure_loads(bench.sensor, bench.clock, HandAtTheServer(server), (*PUSHES, mass))
+    server.told("off all")
+    check = judge_mounting(loads, mass, rig.sensor.mounting, rig.sensor.below_shaft_mm)
+    assert check.axes.names == axes
+    assert [str(finding.colour) for finding in check.findings[1:]] == ["green"] * 3, check.findings
 
 
 @pytest.mark.realtime

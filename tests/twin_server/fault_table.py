@@ -39,7 +39,7 @@ ON_THE_PAGES = frozenset(
     {
         "force-scale",
         "http-busy",
-        "box-tool-transformation",
+        "box-turned",
         "box-filter",
         "box-pounds",
         "box-axia",

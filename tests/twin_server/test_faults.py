@@ -21,8 +21,8 @@ EXPECTED = {
     "force-frozen": r"^the sensor's own sample counter stood still",
     "force-saturated": r"transducer saturation",
     "force-scale": r"^at the next start: .*2e\+06",
-    "box-tool-transformation": (
-        r"^at the next start: .* a tool transformation \(shift 0, 0, 0 mm, turn 0, 0, 90 degrees"
+    "box-turned": (
+        r"^at the next start: .* tool transformation .* is shift 0, 0, 0 mm, turn 0, 0, 90 degrees"
     ),
     "box-filter": r"low-pass filter is on, code 8, about 5 Hz .*about 32 ms late",
     "box-pounds": r"^at the next start: .*224808.* \(1e\+06 per lbf\)",

@@ -188,6 +188,8 @@ class ToolTransformation:
         )
 
     def __str__(self) -> str:
+        if self.is_identity:
+            return "none"
         shift, turn = (
             ", ".join(f"{value:g}" for value in values) for values in (self.shift_mm, self.turn_deg)
         )

@@ -213,8 +213,8 @@ def _refuse_transformation(
     if there is None or there.is_close(stated):
         return
     raise BadInput(
-        f"force sensor: {where} has a tool transformation ({there}), the rig file states "
-        f"{'none' if stated.is_identity else stated}; set it to 0 on its Configurations page, or "
+        f"force sensor: the tool transformation of {where} is {there}, the rig file states {stated}; "
+        f"set it to 0 on its Configurations page, or "
         "give it as tool_transformation_mm and tool_transformation_deg under [force_sensor]"
     )
 
@@ -465,11 +465,8 @@ def describe_settings(configuration: NetFtConfiguration) -> dict[str, str]:
     settings = {}
     if configuration.low_pass is not None:
         settings["low_pass"] = describe_low_pass(configuration.low_pass, configuration.is_axia)
-    transformation = configuration.tool_transformation
-    if transformation is not None:
-        settings["tool_transformation"] = (
-            "none" if transformation.is_identity else str(transformation)
-        )
+    if configuration.tool_transformation is not None:
+        settings["tool_transformation"] = str(configuration.tool_transformation)
     return settings
 
 

@@ -30,6 +30,7 @@ from rfca_rig.devices.netft.section import BOX_RATE_HZ, NetFtConnection, NetFtSe
 from rfca_rig.devices.netft.twin import (
     AXIA_OUT_OF_RANGE,
     LARGEST_COUNT,
+    PRODUCTS,
     LowPass,
     NetFtBoxTwin,
     NetFtTwin,
@@ -91,7 +92,7 @@ FORCE_FAULTS = (
         ),
     ),
     Fault(
-        "box-tool-transformation",
+        "box-turned",
         "the box turns all forces by 90 degrees about z; its web page says so",
     ),
     Fault("box-filter", "the box filters with 5 Hz; its web page says so, by a code"),
@@ -126,10 +127,10 @@ def state_faults(as_set: NetFtConfiguration, panel: FaultPanel) -> NetFtConfigur
         configuration = replace(configuration, force_unit="lbf", torque_unit="lbf-in")
     if panel.is_on("box-filter"):
         configuration = replace(configuration, low_pass=FILTER_CODE)
-    if panel.is_on("box-tool-transformation"):
+    if panel.is_on("box-turned"):
         configuration = replace(configuration, tool_transformation=TURNED_IN_THE_BOX)
     if panel.is_on("box-axia"):
-        configuration = replace(configuration, product="Ethernet Axia twin", is_axia=True)
+        configuration = replace(configuration, product=PRODUCTS[True], is_axia=True)
     return configuration
 
 
@@ -404,15 +405,15 @@ class TamperedLink:
             counts *= 2.0
         if self._panel.is_on("box-pounds"):
             counts *= POUNDS_PER_UNIT
-        if self._panel.is_on("box-tool-transformation"):
+        if self._panel.is_on("box-turned"):
             # A frame that is turned by 90 degrees about z.
             counts = TURNED_90.to_device(counts)
         if self._panel.is_on("box-filter"):
             self._low_pass = self._low_pass or LowPass(LOW_PASS_HZ[FILTER_CODE])
             # Neighbouring records; a single one is as long as all of the box's own samples.
             steps = np.diff(records.ft_sequence).view(np.int32)
-            step = int(np.median(steps)) if len(steps) else 1
-            counts = self._low_pass.apply(counts, max(step, 1) / BOX_RATE_HZ)
+            step = max(1, int(steps.max(initial=1)))
+            counts = self._low_pass.apply(counts, step / BOX_RATE_HZ)
         else:
             self._low_pass = None
         return np.rint(np.clip(counts, -LARGEST_COUNT, LARGEST_COUNT)).astype(np.int32)

@@ -37,6 +37,9 @@ LARGEST_COUNT = 2**31 - 1
 # What an Ethernet Axia sends instead of `SATURATED`: an error, force or torque out of range.
 AXIA_OUT_OF_RANGE = 1 << 31 | 1 << 30
 
+# By whether it is an Ethernet Axia.
+PRODUCTS = {False: "Net F/T twin", True: "Ethernet Axia twin"}
+
 OK = 200
 NOT_FOUND = 404
 UNAVAILABLE = 503
@@ -83,7 +86,9 @@ class LowPass:
             return values
         share = 1.0 - np.exp(-self._rate_per_s * period_s)
         filtered = np.empty_like(values)
-        last = values[0] if self._last is None else self._last
+        last = self._last
+        if last is None:
+            last = values[0]
         for row, value in enumerate(values):
             last = last + share * (value - last)
             filtered[row] = last
@@ -126,6 +131,9 @@ class NetFtTwin:
         self._counts_per_unit = np.repeat([settings.counts_per_N, settings.counts_per_Nm], 3)
         self._noise_std = np.array(settings.noise_std)
         self._full_scale = np.array(settings.full_scale)
+        self._out_of_range = SATURATED
+        if settings.is_axia:
+            self._out_of_range = AXIA_OUT_OF_RANGE
         self._low_pass: LowPass | None = None
         if settings.low_pass:
             self._low_pass = LowPass(LOW_PASS_HZ[str(settings.low_pass)])
@@ -266,8 +274,7 @@ class NetFtTwin:
         within = np.abs(noisy) <= self._full_scale
         # Compared so that a value that is no number counts as beyond the range.
         if not np.logical_and.reduce(within, axis=None):
-            out_of_range = AXIA_OUT_OF_RANGE if self.settings.is_axia else SATURATED
-            status[~within.all(axis=1)] = out_of_range
+            status[~within.all(axis=1)] = self._out_of_range
             noisy = np.minimum(np.maximum(noisy, -self._full_scale), self._full_scale)
         noisy -= self._bias
         noisy *= self._counts_per_unit
@@ -297,7 +304,7 @@ class NetFtBoxTwin:
         self._streaming = streaming
         self.busy = False
         self.configuration = NetFtConfiguration(
-            product="Ethernet Axia twin" if settings.is_axia else "Net F/T twin",
+            product=PRODUCTS[settings.is_axia],
             serial_number="TWIN",
             force_unit="N",
             torque_unit="Nm",

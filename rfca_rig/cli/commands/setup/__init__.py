@@ -2,8 +2,7 @@
 
 import typer
 
-from rfca_rig.cli.commands.setup.sensor import set_up_sensor
-from rfca_rig.cli.commands.setup.zero import zero
+from rfca_rig.cli.commands.setup import sensor, zero
 from rfca_rig.cli.options import Command
 
 app = typer.Typer(
@@ -11,5 +10,5 @@ app = typer.Typer(
     help="The first day with a real rig: drives, zeros and axes are set up and checked.",
     no_args_is_help=True,
 )
-app.command("zero", cls=Command)(zero)
-app.command("sensor", cls=Command)(set_up_sensor)
+app.command("zero", cls=Command)(zero.zero)
+app.command("sensor", cls=Command)(sensor.sensor)

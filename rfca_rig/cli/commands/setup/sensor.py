@@ -43,7 +43,7 @@ Yes = Annotated[
 ]
 
 
-def set_up_sensor(
+def sensor(
     rig: RigToSetUp,
     mass_kg: MassKg = 1.0,
     lever_mm: LeverMm = 0.0,
@@ -76,7 +76,9 @@ def set_up_sensor(
         _check_terminal()
     say = make_marked_say(described.source, as_json)
     if seed is None:
-        seed = described.twin.seed if described.twin else 0
+        seed = 0
+        if described.twin is not None:
+            seed = described.twin.seed
     mass = hang_mass(mass_kg, lever_mm)
     check = None
     with open_sensor(described, seed, faults) as bench:
@@ -91,11 +93,14 @@ def set_up_sensor(
     written = False
     if check is not None and not _has_red(findings) and can_write:
         written = _write(path, _values_to_write(described, check, mass, date), yes, say)
+    axes = None
+    if check is not None and check.axes is not None:
+        axes = check.axes.names
     if as_json:
         document = {
             "title": described.rig.title,
             "findings": [asdict(finding) for finding in findings],
-            "axes": None if check is None or check.axes is None else check.axes.names,
+            "axes": axes,
             "written": written,
         }
         echo(json.dumps(document, indent=2))
