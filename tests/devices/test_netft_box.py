@@ -261,7 +261,7 @@ def sensor_beside(box: NetFtBoxTwin, **stated: object) -> NetFtSensor:
         (
             NO_TRANSFORMATION,
             TURNED,
-            r"has a tool transformation \(none\), the rig file states shift",
+            r"tool transformation .* is none, the rig file states shift",
         ),
         (None, TURNED, "the rig file states a tool transformation .* states none; leave out"),
         (None, NO_TRANSFORMATION, None),

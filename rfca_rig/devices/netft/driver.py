@@ -202,7 +202,7 @@ def _refuse_model(configuration: NetFtConfiguration, expected: NetFtSettings, wh
 def _refuse_transformation(
     configuration: NetFtConfiguration, expected: NetFtSettings, where: str
 ) -> None:
-    """A transformation that nobody knows of looks like crosstalk of the sensor."""
+    """A transformation that is not known looks like crosstalk of the sensor."""
     there = configuration.tool_transformation
     stated = expected.tool_transformation
     if there is None and not stated.is_identity:
@@ -213,9 +213,9 @@ def _refuse_transformation(
     if there is None or there.is_close(stated):
         return
     raise BadInput(
-        f"force sensor: the tool transformation of {where} is {there}, the rig file states {stated}; "
-        f"set it to 0 on its Configurations page, or "
-        "give it as tool_transformation_mm and tool_transformation_deg under [force_sensor]"
+        f"force sensor: the tool transformation of {where} is {there}, the rig file states "
+        f"{stated}; set it to 0 on its Configurations page, or give it as "
+        "tool_transformation_mm and tool_transformation_deg under [force_sensor]"
     )
 
 
