@@ -259,6 +259,8 @@ def _header(config: RunConfig, bench: Bench) -> Recording:
         named["twin_faults"] = ", ".join(
             f"{fault.words} at {fault.at_s:g} s" for fault in config.faults
         )
+    if config.rig.sensor.checked:
+        named["sensor_checked"] = config.rig.sensor.checked.describe()
     # The driver of an installed package is no text of the rig: its version says what ran.
     named |= packages_of(config.rig.motor, config.rig.force_sensor)
     texts = {"rig_file": config.rig_text, "protocol_file": config.protocol_text}

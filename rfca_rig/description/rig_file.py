@@ -77,6 +77,14 @@ class SensorCheckSection(Section):
     deviation_percent: float = Field(description="fz above the weight of the mass")
     below_shaft_mm: float = Field(description="tx over fy of the push along y")
 
+    def describe(self) -> str:
+        """Day, and what the mass read."""
+        where = {"REAL": "", "SIM": " on the twin"}[self.source]
+        return (
+            f"{self.date}{where}: {self.mass_kg:g} kg read {self.force_N:.2f} N, "
+            f"{self.deviation_percent:+.1f} %"
+        )
+
 
 class MountedSensorSection(SensorSection):
     """[sensor]: tx_Nm = shaft torque + below_shaft * fy_N. `axes` names the axis of the device

@@ -500,11 +500,7 @@ def judge_last_check(sensor: MountedSensorSection) -> Finding:
             fix,
             command,
         )
-    return green(
-        CHECK,
-        f"checked on {checked.date}: {checked.mass_kg:g} kg read {checked.force_N:.2f} N, "
-        f"{checked.deviation_percent:+.1f} %; axes {sensor.mounting}",
-    )
+    return green(CHECK, f"checked on {checked.describe()}; axes {sensor.mounting}")
 
 
 def measure_loads(

@@ -98,6 +98,7 @@ def test_a_run_records_the_check(monkeypatch, capsys, rig, tmp_path):
     with h5py.File(run / "run.h5") as recording:
         stored = json.loads(recording["provenance"].asstr()[()])
     assert "deviation_percent" in stored["rig_file"]
+    assert stored["sensor_checked"].startswith("2000-01-01 on the twin: 1 kg read 9.8")
 
 
 def test_without_a_terminal_and_a_yes_nothing_begins(monkeypatch, capsys, rig):

@@ -191,6 +191,38 @@ def test_a_push_that_does_not_come_is_said_with_what_was_felt():
         assert len(bench.sensor.read().counts) == 0
 
 
+class SlowlyReleased:
+    """A load that takes a second to go away, from a share below that of a hand that has let go."""
+
+    def __init__(self) -> None:
+        self.clock = None
+        self._full = np.zeros(6)
+        self._since_s = None
+
+    @property
+    def wrench(self):
+        if self._since_s is None:
+            return self._full
+        return self._full * max(0.0, 0.29 - 0.29 * (self.clock.now_s() - self._since_s))
+
+    def apply(self, step):
+        self._since_s = None
+        self._full = load_at_point(30.0 * np.array(step.direction), np.array([0.0, 0.0, -BELOW_M]))
+
+    def release(self):
+        self._since_s = self.clock.now_s()
+
+
+def test_a_hand_that_comes_off_slowly_does_not_shift_the_next_push(monkeypatch):
+    load = SlowlyReleased()
+    monkeypatch.setattr("rfca_rig.bench.sensor_bench.SimulatedLoad", lambda: load)
+    with open_sensor(read_rig(TWIN), 1) as bench:
+        load.clock = bench.clock
+        measured = measure_loads(bench.sensor, bench.clock, load, PUSHES)
+    for step in PUSHES:
+        assert measured[step.name][:3] == pytest.approx(30.0 * np.array(step.direction), abs=0.6)
+
+
 def test_a_load_that_stays_is_said():
     with open_sensor(read_rig(TWIN), 1) as bench:
         hand = SimulatedHand(bench.load, BELOW_M, np.random.default_rng(1))
