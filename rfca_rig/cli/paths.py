@@ -21,6 +21,7 @@ from rfca_rig.suggestions import suggestion
 
 # The camera of the twin, which its rig file names beside itself.
 CAMERA_FILE = "twin-camera.toml"
+SHIPPED_RIGS = ("twin", "twin-daq")
 PACKAGE = Path(__file__).parents[1]
 
 NAME = "trusted-code.txt"
@@ -56,9 +57,9 @@ def folders_of(kind: str) -> list[Path]:
 
 
 def is_shipped(path: Path) -> bool:
-    """Whether the file came with the package, so that no command may change it."""
-    parents = path.absolute().parents
-    return any(folder in parents for folder in folders_of("calibration")[1:])
+    """Whether the rig file came with the package, so that no command may change it."""
+    # A lab's own files may stand beside them in a clone.
+    return path.stem in SHIPPED_RIGS and path.absolute().parent in folders_of("calibration")[1:]
 
 
 def find_shipped(kind: str) -> Path:

@@ -1,13 +1,16 @@
 """rfca-rig setup sensor: what it finds, on a twin that is pushed, and what it writes."""
 
 import json
+import re
 import tomllib
 
 import pytest
 
+from rfca_rig.cli.paths import SHIPPED_RIGS, is_shipped
 from rfca_rig.description.rig_file import read_rig
 from tests.bench.test_sensor_mount import written
 from tests.cli.typed import typed
+from tests.engine.rigs import ROOT
 
 SETUP = ("setup", "sensor", "--rig")
 # What went unnoticed before: the fault of the twin, and the finding that names it.
@@ -123,6 +126,35 @@ def test_on_a_terminal_it_asks(monkeypatch, capsys, rig, answer, written_down):
 def test_a_rig_of_the_package_is_not_changed(monkeypatch, capsys):
     said, document, findings = set_up(monkeypatch, capsys, "twin")
     assert (said.exit_code, findings, document["written"]) == (0, [], False)
+
+
+def test_the_rigs_of_the_package_are_known():
+    shipped = ROOT / "calibration"
+    rigs = [path for path in shipped.glob("*.toml") if "[rig]" in path.read_text()]
+    assert sorted(path.stem for path in rigs) == sorted(SHIPPED_RIGS)
+    assert all(map(is_shipped, rigs))
+    # In a clone a lab's own file may stand beside them.
+    assert not is_shipped(shipped / "our-rig.toml")
+
+
+def test_a_filter_that_is_known_is_given_to_the_model(monkeypatch, capsys, tmp_path):
+    """As docs/force-sensors.md says: the nominal model of a real rig has the lag."""
+    lag = '[[effects]]\nid = "sensor_lag"\nparameters = { time_constant_s = 0.032 }\n\n[drive]'
+    rig = written(tmp_path, "", "low_pass = 8\n")
+    rig.write_text(rig.read_text().replace('kind = "twin"', 'kind = "real"'))
+    words = ("predict", "--height", 215, "--speed", 3, "--rig", rig)
+    without = typed(monkeypatch, capsys, *words)
+    rig.write_text(rig.read_text().replace("[drive]", lag, 1))
+    assert [effect.id for effect in read_rig(rig).effects] == ["sensor_lag"]
+    late = typed(monkeypatch, capsys, *words)
+    assert (without.exit_code, late.exit_code) == (0, 0), late.err
+    # The valley comes later, by less than the time constant, and is less deep.
+    (before_s, before_N), (after_s, after_N) = (
+        map(float, re.search(r"valley at ([\d.]+) s, fz (-[\d.]+) N", said.out).groups())
+        for said in (without, late)
+    )
+    assert 0.01 < after_s - before_s < 0.032
+    assert before_N < after_N < 0.99 * before_N
 
 
 @pytest.mark.parametrize(

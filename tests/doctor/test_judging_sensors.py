@@ -68,6 +68,10 @@ def test_a_box_that_is_not_there_is_red_in_a_rig_file_and_yellow_in_a_scan():
     assert "counts_per_N = 1000000" in whole(
         judge_found_sensor(BoxObservation("192.168.1.1", PAGE))
     )
+    axia = replace(PAGE, is_axia=True, low_pass="3")
+    assert 'model = "axia"; filter on, code 3' in whole(
+        judge_found_sensor(BoxObservation("192.168.1.1", axia))
+    )
 
 
 def test_a_healthy_stream_is_all_green():

@@ -351,11 +351,16 @@ def judge_found_sensor(seen: BoxObservation) -> Finding:
         name = f"{reply.product} {reply.serial_number}"
     else:
         name = "a sensor"
+    others = ""
+    if isinstance(reply, NetFtConfiguration):
+        if reply.is_axia:
+            others += ', model = "axia"'
+        others += _other_settings(reply)
     return green(
         SENSOR,
         (
             f"{name} at {seen.host}: counts_per_N = {reply.counts_per_N:.10g}, counts_per_Nm = "
-            f"{reply.counts_per_Nm:.10g}"
+            f"{reply.counts_per_Nm:.10g}{others}"
         ),
     )
 
