@@ -43,7 +43,7 @@ LEAST_PUSH_N = 1.0
 RELEASED_SHARE = 0.3
 # A mass hangs still when two measurements differ by less of its weight.
 STEADY_SHARE = 0.02
-# The same without a load: far below the smallest push.
+# The same without a load: half of the smallest push.
 STILL_N = 0.5
 
 # A hand keeps an axis to 10 or 15 degrees; halfway to the next axis are 45.
