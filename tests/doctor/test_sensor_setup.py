@@ -22,7 +22,9 @@ from rfca_rig.doctor.sensor_setup import (
     measure_loads,
 )
 from rfca_rig.errors import DeviceError
+from rfca_rig.twin_server.faults import parse_fault_events
 from rfca_rig.twin_server.sensor_mount import load_at_point
+from tests.bench.test_force_sensors import SECTIONS, written
 from tests.doctor.said import whole
 from tests.engine.rigs import ROOT
 
@@ -172,6 +174,24 @@ def test_a_right_sensor_with_noise_has_no_finding(seed):
         measured = measure_loads(bench.sensor, bench.clock, hand, (*PUSHES, mass))
         findings = (*bench.settings, *judge_mounting(measured, mass, STRAIGHT, 45.0).findings)
     assert [finding for finding in findings if finding.colour != "green"] == []
+
+
+@pytest.mark.parametrize("device", SECTIONS)
+@pytest.mark.parametrize("fault", [None, "sensor-turned-90", "channel-inverted", "sensor-gain"])
+def test_sensors_of_every_make_are_set_up_by_it(tmp_path, device, fault):
+    """A serial sensor has 250 records a second of 0.05 N each; its push is found as well."""
+    rig = read_rig(written(tmp_path, device))
+    mass = hang_mass(1.0, 0.0)
+    faults = []
+    if fault is not None:
+        faults = parse_fault_events([f"{fault}@0"])
+    with open_sensor(rig, 1, faults) as bench:
+        hand = SimulatedHand(bench.load, BELOW_M, np.random.default_rng([1, 3]))
+        measured = measure_loads(bench.sensor, bench.clock, hand, (*PUSHES, mass))
+    findings = judge_mounting(measured, mass, STRAIGHT, 45.0).findings
+    named = [finding.subject for finding in findings if finding.colour != "green"]
+    expected = {None: [], "sensor-gain": [MASS]}
+    assert named == expected.get(fault, [AXES])
 
 
 class NoHand:
