@@ -43,9 +43,6 @@ _ASSIGNMENT = re.compile(
     r"""^\s*((?:[\w-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[\w-]+|"[^"]*"|'[^']*'))*)\s*="""
 )
 
-# A value without # in it, and the comment behind it.
-_ASSIGNED_VALUE = re.compile(r"([^=]+=[ \t]*)([^#\r\n]*?)([ \t]*(?:#[^\r\n]*)?\r?\n?)")
-
 Model = TypeVar("Model", bound=BaseModel)
 Dataclass = TypeVar("Dataclass", bound="DataclassInstance")
 
@@ -124,34 +121,6 @@ def _table(parts: Key, is_entry: bool, entries: dict[Key, int]) -> Key:
         if table in entries:
             table += (entries[table],)
     return table
-
-
-def replace_value(text: str, key: tuple[str, ...], value: float | str, path: Path) -> str:
-    """The text with another value of one key; its comments, and everything else, stay. A key that
-    is not there comes below the header of its table. Raises BadInput for a text from `path` in
-    which the key has no line of its own.
-    """
-    lines = text.splitlines(keepends=True)
-    numbers = _lines_by_key(text)
-    written = format_value(value)
-    if key in numbers:
-        index = numbers[key] - 1
-        assignment = _ASSIGNED_VALUE.fullmatch(lines[index])
-        if assignment is not None:
-            lines[index] = f"{assignment[1]}{written}{assignment[3]}"
-    elif key[:-1] in numbers:
-        lines.insert(numbers[key[:-1]], f"{toml_key(key[-1])} = {written}\n")
-    changed = "".join(lines)
-    # The lines were found without a full parser, so what they became is compared with one.
-    expected = _parse(text, path)
-    table = expected
-    for part in key[:-1]:
-        table = table.get(part, {})
-    table[key[-1]] = tomllib.loads(f"value = {written}")["value"]
-    if _parse(changed, path) != expected:
-        name = ".".join(key)
-        raise BadInput(f"{path}: {name} has no line of its own; write {name} = {written} by hand")
-    return changed
 
 
 def degrees_key(key: str) -> str | None:

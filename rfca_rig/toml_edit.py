@@ -4,6 +4,7 @@ import re
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from rfca_rig.errors import BadInput
@@ -20,19 +21,21 @@ class _Statement:
     comment: str
 
 
-def set_keys(text: str, table: str, values: Mapping[str, Any]) -> str:
-    """The text with these keys of [table] set: changed where they stand, else added behind the
-    last key of the table.
+def set_keys(text: str, table: str, values: Mapping[str, Any], path: Path) -> str:
+    """The text of the file at `path` with these keys of [table] set: changed where they stand, else
+    added behind the last key of the table.
 
-    Raises BadInput, with the lines to be written by hand, where [table] has no header of its own,
-    or a key is written as a table.
+    Raises BadInput, with what is to be written by hand, where [table] has no header of its own, or
+    a key is written as a table.
     """
     lines = text.splitlines(keepends=True)
-    by_hand = "".join(f"\n{key} = {format_value(value)}" for key, value in values.items())
+    by_hand = "; ".join(f"{key} = {format_value(value)}" for key, value in values.items())
     header = re.compile(rf"\s*\[\s*{re.escape(table)}\s*\]\s*(#.*)?$")
     begin = next((number for number, line in enumerate(lines) if header.match(line)), None)
     if begin is None:
-        raise BadInput(f"[{table}] has no line of its own; write under it by hand:{by_hand}")
+        raise BadInput(
+            f"{path}: [{table}] has no line of its own; write into it by hand: {by_hand}"
+        )
     ending = "\n"
     if lines[begin].endswith("\r\n"):
         ending = "\r\n"
@@ -50,7 +53,7 @@ def set_keys(text: str, table: str, values: Mapping[str, Any]) -> str:
             lines[statement.begin : statement.end] = [line + ending]
     edited = "".join(lines)
     if not _is_as_wanted(text, edited, table, values):
-        raise BadInput(f"[{table}] is written in another way; change it by hand:{by_hand}")
+        raise BadInput(f"{path}: [{table}] is written in another way; change it by hand: {by_hand}")
     return edited
 
 
@@ -93,17 +96,10 @@ def _comment(statement: str) -> str:
 def _is_as_wanted(text: str, edited: str, table: str, values: Mapping[str, Any]) -> bool:
     """Whether the edited text differs from the first one in these keys only."""
     wanted = tomllib.loads(text)
-    wanted[table].update(values)
+    for key, value in values.items():
+        # As it comes back from a file, with the digits that were written.
+        wanted[table][key] = tomllib.loads(f"value = {format_value(value)}")["value"]
     try:
-        return bool(tomllib.loads(edited) == _as_read(wanted))
+        return bool(tomllib.loads(edited) == wanted)
     except tomllib.TOMLDecodeError:
         return False
-
-
-def _as_read(value: Any) -> Any:
-    """The value as it comes back from a file: tuples as lists, numbers with the digits written."""
-    if isinstance(value, Mapping):
-        return {key: _as_read(inner) for key, inner in value.items()}
-    if isinstance(value, list | tuple):
-        return [_as_read(inner) for inner in value]
-    return value

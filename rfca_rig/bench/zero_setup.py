@@ -17,7 +17,8 @@ from rfca_rig.description.rig_file import RigFile
 from rfca_rig.drivers.encoder_zero import EncoderZero, ZeroPolicy
 from rfca_rig.drivers.roles import ShaftMotor
 from rfca_rig.errors import BadInput, DeviceError
-from rfca_rig.toml import degrees_key, read_data, replace_value
+from rfca_rig.toml import degrees_key, read_data
+from rfca_rig.toml_edit import set_keys
 from rfca_rig.twin_server.faults import FaultEvent
 
 # Time for which a held leg is read, and by how much it may move meanwhile. A hand holds a leg to
@@ -129,8 +130,8 @@ def write_zero(text: str, rig_path: Path, zero: EncoderZero, value: float) -> st
     key = zero.key
     in_degrees = degrees_key(key)
     if in_degrees is not None and in_degrees in read_data(rig_path).get("motor", {}):
-        return replace_value(text, ("motor", in_degrees), degrees(value), rig_path)
-    return replace_value(text, ("motor", key), value, rig_path)
+        return set_keys(text, "motor", {in_degrees: degrees(value)}, rig_path)
+    return set_keys(text, "motor", {key: value}, rig_path)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,6 @@ from rfca_rig.clock import TWIN_START
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.drivers.encoder_zero import EncoderZero
 from rfca_rig.errors import BadInput
-from rfca_rig.toml import replace_value
 from tests.bench.test_zero_check import MIT, ODRIVE, SERVO, write_rig
 
 TURNS = EncoderZero("zero_turns", 2.75, "turns", -9.0, 1.0)
@@ -94,19 +93,6 @@ def test_only_the_zero_changes_in_the_rig_file(tmp_path, motor, value, line):
     assert changed[0].startswith(line)
     path.write_text(after)
     assert read_rig(path).motor.encoder_zero.value == pytest.approx(value)
-
-
-def test_a_value_is_replaced_without_the_text_around_it(tmp_path):
-    path = tmp_path / "file.toml"
-    text = '# head\r\n[a]\r\nx=1.0#why\r\n"y" = 2 # two\r\n\r\n[b]\r\nx = 3\r\n'
-    assert replace_value(text, ("a", "x"), 2.5, path) == text.replace("x=1.0#", "x=2.5#")
-    assert replace_value(text, ("a", "y"), 7.0, path) == text.replace("= 2 #", "= 7.0 #")
-    assert '[b]\r\nz = "w"\nx = 3' in replace_value(text, ("b", "z"), "w", path)
-
-
-def test_a_key_without_a_line_of_its_own_is_left_to_a_person(tmp_path):
-    with pytest.raises(BadInput, match=r"a\.x has no line of its own; write a\.x = 2\.5 by hand"):
-        replace_value("a = { x = 1.0, y = 2.0 }\n", ("a", "x"), 2.5, tmp_path / "file.toml")
 
 
 def test_each_check_by_hand_names_the_key_to_change():

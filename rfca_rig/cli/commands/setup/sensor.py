@@ -214,7 +214,7 @@ def _write(path: "Path", values: dict[str, Any], yes: bool, say: "Say") -> bool:
     from rfca_rig.toml import format_value, read_text
     from rfca_rig.toml_edit import set_keys
 
-    edited = set_keys(read_text(path), "sensor", values)
+    edited = set_keys(read_text(path), "sensor", values, path)
     for key, value in values.items():
         say(f"[sensor] {key} = {format_value(value)}")
     if not yes and not typer.confirm(f"write this into {path}?", err=True):
