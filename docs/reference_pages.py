@@ -32,6 +32,7 @@ from rfca_rig.description.model_file import ModelFile
 from rfca_rig.description.protocol_file import DynamicFile, FatigueFile, StaticFile
 from rfca_rig.description.rig_draft import list_limits
 from rfca_rig.description.rig_file import RigFile
+from rfca_rig.description.tolerances_file import TolerancesFile
 from rfca_rig.executors.slurm import ClusterFile
 from rfca_rig.model.catalogue import catalogue, families_of
 from rfca_rig.model.effect import Effect, Parameter
@@ -51,6 +52,7 @@ FILES: dict[str, type[BaseModel]] = {
     "sweep": SweepFile,
     "cluster": ClusterFile,
     "camera-file": CameraFile,
+    "tolerances": TolerancesFile,
 }
 MARK = re.compile(r"<!-- (commands|effects|file ([a-z-]+)) -->")
 # What Typer appends to a name, in words; the type of an argument says nothing.

@@ -6,6 +6,7 @@ RigError                    exit code 1: the work could not be done
 │   └── BadReading          a device reports numbers that cannot be true
 ├── SimulationFailed        exit code 1: the model could not be computed for these values
 ├── DiskFull                exit code 1: the disk is full; what was acknowledged before is safe
+├── NotAccepted             exit code 1: a model is farther from the recordings than was allowed
 ├── Tripped                 exit code 3: a limit stopped the motion
 ├── WornOut                 exit code 4: the leg's stiffness drifted beyond what the protocol allows
 └── Stopped                 exit code 130: the operator stopped the run
@@ -118,6 +119,10 @@ class Changed(RigError):
     """A rig is not as its reference, and was to pass a gate. Nothing has failed."""
 
     exit_code = 3
+
+
+class NotAccepted(RigError):
+    """A model failed acceptance tests on recordings. The report is written."""
 
 
 class Stopped(RigError):

@@ -54,7 +54,7 @@ CASE_KINDS = (
     "pendulum, stranger",
 )
 PHASES = ("rest", "free", "touchdown", "loading", "release", "rebound")
-FILE_KINDS = ("rig", "protocol", "experiment", "campaign", "sweep")
+FILE_KINDS = ("rig", "protocol", "experiment", "campaign", "sweep", "tolerances")
 RUN_KINDS = entry.KINDS
 SOURCES = entry.SOURCES
 RUN_ENDINGS = tuple(word.replace(" ", "-") for word in entry.ENDINGS)

@@ -8,9 +8,11 @@ from dataclasses import dataclass
 from functools import singledispatch
 from pathlib import Path
 
+from rfca_rig.analysis.acceptance import AcceptanceTests
 from rfca_rig.analysis.compare import Table2
 from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.description.model_file import read_model_file
+from rfca_rig.description.tolerances_file import read_tolerances
 from rfca_rig.diagnosis.inference.model_selection import Progress
 from rfca_rig.diagnosis.leg.problem import LegProblem
 from rfca_rig.diagnosis.mechanisms.fit import compare_mechanism
@@ -44,11 +46,14 @@ class ComparisonOptions:
         A model file in place of the nominal model.
     as_is
         Values that are probably in another unit were taken.
+    accept
+        A tolerances file: the model is tested on every stroke of a leg.
     """
 
     shaft: Shaft | None = None
     model: Path | None = None
     as_is: bool = False
+    accept: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -66,12 +71,15 @@ class WrittenComparison:
     rows
         Measured beside simulated, for a table: a row per condition of a leg, per signal of each
         recording of a mechanism.
+    tests
+        Acceptance tests of a leg, where they were asked for.
     """
 
     pages: tuple[Path, ...]
     data: Path
     lines: tuple[str, ...]
     rows: tuple[Row, ...]
+    tests: AcceptanceTests | None = None
 
 
 @singledispatch
@@ -141,7 +149,9 @@ def _(
         "--shaft": options.shaft,
         "--model": model,
         "--as-is": options.as_is,
+        "--accept": options.accept,
     }
+    tolerances = read_tolerances(options.accept) if options.accept else None
     recordings = problem.recordings_of_leg
     command = command_line("report", *problem.paths, options=typed)
     shaft = options.shaft or _choose_shaft(given)
@@ -152,10 +162,11 @@ def _(
         given,
         origin_of(command, problem.paths, recordings),
         lambda done, of: progress("conditions", done / of),
+        tolerances,
     )
     lines = _describe_pages(written.table, out, len(recordings), shaft)
     rows = _list_valleys(written.table)
-    return WrittenComparison(tuple(written.pages), out / "table2.json", lines, rows)
+    return WrittenComparison(tuple(written.pages), out / "table2.json", lines, rows, written.tests)
 
 
 def _choose_shaft(given: GivenModel | None) -> Shaft:
@@ -213,7 +224,13 @@ def _(
     options: ComparisonOptions,
     progress: Progress = ignore_share,
 ) -> WrittenComparison:
-    refuse_leg_options({"--shaft": options.shaft is not None, "--as-is": options.as_is})
+    refuse_leg_options(
+        {
+            "--shaft": options.shaft is not None,
+            "--as-is": options.as_is,
+            "--accept": options.accept is not None,
+        }
+    )
     comparison = compare_mechanism(problem.experiment, progress)
     folder = problem.experiment.path.parent
     command = command_line("report", folder, options={"--model": options.model})

@@ -276,7 +276,7 @@ def _size_MB(path: Path) -> float:
     return sum(file.stat().st_size for file in files if file.is_file()) / 1e6
 
 
-FileKind = Literal["rig", "protocol", "experiment", "campaign", "sweep"]
+FileKind = Literal["rig", "protocol", "experiment", "campaign", "sweep", "tolerances"]
 
 
 def schema(
@@ -299,6 +299,7 @@ def schema(
     from rfca_rig.campaign.layout import CampaignFile, ExperimentFile
     from rfca_rig.description.protocol_file import DynamicFile, FatigueFile, StaticFile
     from rfca_rig.description.rig_file import RigFile
+    from rfca_rig.description.tolerances_file import TolerancesFile
     from rfca_rig.sweep.sweep_file import SweepFile
 
     models: dict[FileKind, Any] = {
@@ -307,6 +308,7 @@ def schema(
         "experiment": ExperimentFile,
         "campaign": CampaignFile,
         "sweep": SweepFile,
+        "tolerances": TolerancesFile,
     }
     head = {"$schema": GenerateJsonSchema.schema_dialect, "title": f"rfca-rig: {kind} file"}
     echo(json.dumps(head | TypeAdapter(models[kind]).json_schema() | head, indent=1))

@@ -21,7 +21,8 @@ from rfca_rig.cli.terminal import echo
 from rfca_rig.escaping import json_text
 
 if TYPE_CHECKING:
-    from rfca_rig.reports.problems import ComparisonOptions
+    from rfca_rig.analysis.acceptance import AcceptanceTests
+    from rfca_rig.reports.problems import ComparisonOptions, WrittenComparison
 
 
 class ShaftOption(StrEnum):
@@ -64,6 +65,17 @@ def report(
         ),
     ] = None,
     model: Model = None,
+    accept: Annotated[
+        Path | None,
+        typer.Option(
+            "--accept",
+            metavar="FILE",
+            help=(
+                "Test the model on every stroke with the tolerances of this file (schema "
+                "tolerances); exit code 1 where a test fails."
+            ),
+        ),
+    ] = None,
     as_is: AsIs = False,
     allow_outside: AllowOutside = False,
     pdf: Pdf = False,
@@ -82,7 +94,7 @@ def report(
     """
     from rfca_rig.reports.problems import ComparisonOptions
 
-    options = ComparisonOptions(shaft.value if shaft else None, model, as_is)
+    options = ComparisonOptions(shaft.value if shaft else None, model, as_is, accept)
     # First: a missing browser must be reported before the work, not after it.
     copies = PageCopies(pdf, figures)
     write(paths, out, options, as_json, quiet=as_json, copies=copies, allow_outside=allow_outside)
@@ -124,9 +136,39 @@ def write(
     with progress(quiet) as bars:
         written = write_comparison(problem, out, options, bars.share)
     if as_json:
-        echo(json_text(written.data.read_text(encoding="utf-8")), nl=False)
+        echo(json_text(_as_json(written)), nl=False)
     if not quiet:
         for line in written.lines:
             echo(line, err=True)
     if copies is not None:
         copies.make(written.pages, quiet)
+    if written.tests is not None:
+        _tell_outcome(written.tests, quiet)
+
+
+def _as_json(written: "WrittenComparison") -> str:
+    """The comparison, with the acceptance tests in it where there are any."""
+    text = written.data.read_text(encoding="utf-8")
+    if written.tests is None:
+        return text
+    import json
+
+    from rfca_rig.reports.strokes.acceptance import acceptance_document
+
+    document = {**json.loads(text), "acceptance": acceptance_document(written.tests)}
+    return json.dumps(document, indent=2, ensure_ascii=False) + "\n"
+
+
+def _tell_outcome(tests: "AcceptanceTests", quiet: bool) -> None:
+    """Raises NotAccepted where a test failed."""
+    from rfca_rig.errors import NotAccepted
+    from rfca_rig.reports.strokes.acceptance import describe_outcome, list_failures
+
+    outcome = describe_outcome(tests)
+    if not quiet:
+        for line in list_failures(tests):
+            echo(line, err=True)
+    if tests.failed:
+        raise NotAccepted(outcome)
+    if not quiet:
+        echo(outcome, err=True)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from rfca_rig.analysis.acceptance import AcceptanceTests, run_acceptance_tests
 from rfca_rig.analysis.compare import (
     PAPER_AVERAGE_ERROR_PCT,
     ComparedCondition,
@@ -23,6 +24,7 @@ from rfca_rig.analysis.matched_simulation import Shaft
 from rfca_rig.analysis.peak_force import PeakForceRow, make_peak_row
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.description.model_file import nominal_model
+from rfca_rig.description.tolerances_file import TolerancesFile
 from rfca_rig.model.parameters import LawTable, RigModel, TorqueSpline
 from rfca_rig.model.tabulated_law import kind_of
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
@@ -48,6 +50,11 @@ from rfca_rig.reports.run.page import tables_of
 from rfca_rig.reports.run.parts import story_of
 from rfca_rig.reports.sections import PageSection
 from rfca_rig.reports.strokes import overlay
+from rfca_rig.reports.strokes.acceptance import (
+    acceptance_json,
+    make_acceptance_section,
+    make_acceptance_table,
+)
 from rfca_rig.reports.strokes.tables import (
     as_json,
     as_table,
@@ -299,6 +306,7 @@ def page(
     peaks: Table,
     shaft: Shaft,
     context: PageContext,
+    tests: AcceptanceTests | None = None,
 ) -> str:
     """The page as HTML.
 
@@ -314,6 +322,8 @@ def page(
         How the simulated shaft turned.
     context
         Origin of the page, links to others, and the given model.
+    tests
+        Acceptance tests, where they were asked for.
     """
     has_strokes = any(source.compared for source in sources)
     sections: list[PageSection | None] = []
@@ -327,14 +337,17 @@ def page(
     else:
         kind = "static stages"
     sections += [_static_stages(sources), _models(sources, context.model_file)]
+    tables = ["table2", peaks.name]
+    if tests is not None:
+        # First: whoever asks for them reads the page for their outcome.
+        sections.insert(0, make_acceptance_section(tests))
+        tables.append(make_acceptance_table(tests).name)
     return render_page(
         f"{_join_titles(sources)}: {kind}",
         _opening(sources, table, context, has_strokes),
         sections,
         context.origin,
-        files=tuple(
-            f"{stem}.{kind}" for stem in ("table2", peaks.name) for kind in ("csv", "tex", "json")
-        ),
+        files=tuple(f"{stem}.{kind}" for stem in tables for kind in ("csv", "tex", "json")),
     )
 
 
@@ -536,10 +549,11 @@ def _beyond_curves(sharing: Sequence[ComparedSource]) -> str:
 
 @dataclass(frozen=True)
 class WrittenReport:
-    """Table II, and the paths of the pages."""
+    """Table II, the paths of the pages, and the acceptance tests where they were asked for."""
 
     table: Table2
     pages: tuple[Path, ...]
+    tests: AcceptanceTests | None = None
 
 
 def _name_run_pages(sources: Sequence[ComparedSource]) -> dict[str, ComparedSource]:
@@ -556,6 +570,7 @@ def write_report(
     given: GivenModel | None = None,
     origin: Origin | None = None,
     watcher: ProgressCount = ignore_progress,
+    tolerances: TolerancesFile | None = None,
 ) -> WrittenReport:
     """Compares recordings with their models, and writes all files of the report.
 
@@ -575,6 +590,8 @@ def write_report(
         Command, recordings and version for the foot of the pages.
     watcher
         Progress callback: number of conditions done, number of conditions.
+    tolerances
+        How near the model must be; without it nothing is tested.
 
     Raises
     ------
@@ -606,6 +623,15 @@ def write_report(
     shown = as_table(table, SHAFT_WORDS[shaft])
     peaks = tuple(row for source in sources for row in source.peaks)
     shown_peaks = peaks_as_table(peaks, SHAFT_WORDS[shaft])
+    tests = None
+    accepted_files = {}
+    if tolerances is not None:
+        compared = [(source.name, condition) for source, condition in _list_compared(sources)]
+        tests = run_acceptance_tests(compared, table.rows, tolerances)
+        accepted_files = {
+            **table_files((make_acceptance_table(tests),)),
+            "acceptance.json": acceptance_json(tests),
+        }
     contents = {
         "report.html": page(
             sources,
@@ -613,7 +639,9 @@ def write_report(
             shown_peaks,
             shaft,
             PageContext(page_origin, (*run_links, *page_links), model_file),
+            tests,
         ),
+        **accepted_files,
         **table_files((shown, shown_peaks)),
         "table2.json": as_json(table),
         "peak-forces.json": peaks_as_json(peaks),
@@ -626,7 +654,8 @@ def write_report(
         out_dir,
         {**contents, **{name: text for files in runs.values() for name, text in files.items()}},
     )
-    return WrittenReport(table, tuple(out_dir / name for name in ("report.html", *runs)))
+    pages = tuple(out_dir / name for name in ("report.html", *runs))
+    return WrittenReport(table, pages, tests)
 
 
 def _run(
