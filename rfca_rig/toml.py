@@ -26,6 +26,7 @@ from pydantic import (
     field_validator,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, ErrorDetails
 
 from rfca_rig.errors import BadInput
@@ -520,7 +521,7 @@ def _keys_at(table: Key, model: type[BaseModel], tags: set[str], data: Any) -> l
             selected = [
                 mark.section_of(data)
                 for field in fields
-                for mark in field.metadata
+                for mark in _marks_of(field)
                 if isinstance(mark, SelectedByData)
             ]
             inner = [section for section in selected if section] or [
@@ -536,6 +537,14 @@ def _keys_at(table: Key, model: type[BaseModel], tags: set[str], data: Any) -> l
             (*keys, *(key for member in members for key in degrees_keys(member).values()))
         )
     )
+
+
+def _marks_of(field: FieldInfo) -> list[Any]:
+    """What the annotation of a field is marked with, also where the table is optional."""
+    marks = list(field.metadata)
+    for member in typing.get_args(field.annotation):
+        marks += getattr(member, "__metadata__", ())
+    return marks
 
 
 def _tags_of(model: type[BaseModel]) -> set[str]:

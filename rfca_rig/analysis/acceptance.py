@@ -109,7 +109,8 @@ class AcceptanceTests:
 
     @property
     def failed(self) -> tuple[SignalTest | ValleyTest, ...]:
-        return tuple(test for test in (*self.valleys, *self.signals) if not test.is_accepted)
+        tests: list[SignalTest | ValleyTest] = [*self.valleys, *self.signals]
+        return tuple(test for test in tests if not test.is_accepted)
 
 
 def make_band(t_s: Floats, measured: Floats, tolerance: SignalTolerance) -> tuple[Floats, Floats]:

@@ -126,6 +126,7 @@ def open_bench(
     eye: PhotoSetup | None = None,
     twin_clock: TwinClock | None = None,
     faults: Sequence[FaultEvent] = (),
+    tap_bus: Callable[[can.BusABC, Clock], can.BusABC] | None = None,
 ) -> Iterator[Bench]:
     """Opens the devices for the length of the block.
 
@@ -141,6 +142,8 @@ def open_bench(
         For a twin whose time must not pass as fast as it can.
     faults : sequence of Switching
         Faults that happen to a twin, by its own clock.
+    tap_bus : callable, optional
+        Puts something between the bus of a twin and its driver.
 
     Raises
     ------
@@ -161,6 +164,7 @@ def open_bench(
                 twin_clock or TwinClock(),
                 FaultInjection(rig, faults),
                 stack,
+                tap_bus,
             )
         else:
             raise BadInput(f"{rig.rig.title}: a twin needs a [twin] section and a seed")
@@ -184,7 +188,7 @@ def _real_bench(rig: RigFile, eye: PhotoSetup | None, stack: ExitStack) -> Bench
         camera = None
     return Bench(
         make_motor(rig, bus, clock),
-        make_force_sensor(rig, clock, stack),
+        make_force_sensor(rig.force_sensor, rig.sensor.mounting, clock, stack),
         HandRack(),
         clock,
         True,
@@ -200,6 +204,7 @@ def _twin_bench(
     clock: TwinClock,
     faults: FaultInjection,
     stack: ExitStack,
+    tap_bus: Callable[[can.BusABC, Clock], can.BusABC] | None,
 ) -> Bench:
     drivers_end, twins_end = stack.enter_context(can_wire())
     # Separate generators: a different number of sensor records then changes nothing in the friction
@@ -219,8 +224,11 @@ def _twin_bench(
         )
     else:
         camera = None
+    drivers_bus: can.BusABC = drivers_end
+    if tap_bus is not None:
+        drivers_bus = tap_bus(drivers_end, clock)
     return Bench(
-        make_motor(rig, drivers_end, clock),
+        make_motor(rig, drivers_bus, clock),
         pair.driver(clock),
         TwinRack(twins.plant),
         clock,

@@ -3,7 +3,7 @@ of it.
 """
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -204,6 +204,28 @@ class Recorder:
     def _end(self, end: End) -> None:
         self._keeper.give(end.block())
         self.ended += 1
+
+    def begin_listening(self, label: str, forms: Sequence[StreamForm]) -> None:
+        """The devices are recorded without motion from now on, in these streams."""
+        self.note("stage begins", stage=label)
+        self.where = label
+        self._keeper.give(Begin(label, 0.0, tuple(forms)).block())
+        self._keeper.give(start_block(make_commanded_start(self._clock.now_s(), 0.0)))
+
+    def take_rows(self, rows: Sequence[Rows]) -> None:
+        """What was received in one period: packed records (m,) of every stream, in the order of
+        their forms.
+        """
+        count = sum(len(records) for records in rows)
+        self.samples += count
+        self.refused += count
+        self._keeper.give(samples_block(rows))
+        self.refused -= count
+        self._note_clocks()
+
+    def end_listening(self, label: str) -> None:
+        self._end(End())
+        self.where = f"after {label}"
 
     def _note_clocks(self) -> None:
         if self._clock.now_s() - self._paired_s > CLOCK_PAIR_EVERY_S:

@@ -148,6 +148,11 @@ def read_interrupted_run(folder: Path) -> InterruptedRun:
 
 
 def _plan(folder: Path, header: Recording) -> Plan:
+    if header.is_listening:
+        raise BadInput(
+            f"{folder}: was recorded without motion, so no plan goes on; rfca-rig recover {folder} "
+            "makes it whole, rfca-rig record begins another"
+        )
     try:
         return parse_plan(header.title, header.provenance)
     except BadInput as error:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.clock import Clock, WallClock
+from rfca_rig.codecs.sensor_axes import SensorAxes
 from rfca_rig.description.camera_file import (
     CameraSection,
     OpenCvCameraSection,
@@ -20,6 +21,7 @@ from rfca_rig.description.camera_file import (
 )
 from rfca_rig.description.rig_file import RigFile, TwinSection
 from rfca_rig.devices import find_sensor
+from rfca_rig.devices.sections import ForceSensorSection
 from rfca_rig.drivers.camera import ArrivingPhotos, CameraThread, OpenCvCamera
 from rfca_rig.drivers.roles import Camera, ForceSensor, Photo, Photographer
 from rfca_rig.drivers.rotated_sensor import with_axes
@@ -30,15 +32,16 @@ from rfca_rig.twins.world import SensorTwin
 from rfca_rig.vision.leg_photo import PhotoSetup
 
 
-def make_force_sensor(rig: RigFile, clock: WallClock, stack: ExitStack) -> ForceSensor:
+def make_force_sensor(
+    keys: ForceSensorSection, axes: SensorAxes, clock: WallClock, stack: ExitStack
+) -> ForceSensor:
     """The driver that [force_sensor] names, on the real device, in the rig's axes; what it opened
     is closed with the stack.
     """
-    keys = rig.force_sensor
     make = find_sensor(keys.device)
     way = make.open_way(keys, clock)
     stack.callback(way.close)
-    return with_axes(make.make_driver(keys, way, clock), rig.sensor.mounting)
+    return with_axes(make.make_driver(keys, way, clock), axes)
 
 
 def sensor_twin_maker(rig: RigFile, twin: TwinSection, random: np.random.Generator) -> TwinMaker:

@@ -37,7 +37,7 @@ from rfca_rig.cli.commands import (
     sweep,
     twin,
 )
-from rfca_rig.cli.commands.measure import dynamic, fatigue, paper, plan, resume, static
+from rfca_rig.cli.commands.measure import dynamic, fatigue, paper, plan, record, resume, static
 from rfca_rig.cli.names import add_completions
 from rfca_rig.cli.options import Command, CommandGroup, ProgramGroup
 from rfca_rig.cli.terminal import echo, open_null, use_ascii_fallback
@@ -91,6 +91,7 @@ app.command("check", cls=Command)(check.check)
 app.command("runs", cls=Command)(runs.runs)
 app.command("plan", cls=Command)(plan.plan)
 app.command("paper", cls=Command)(paper.paper)
+app.command("record", cls=Command)(record.record)
 app.command("predict", cls=Command)(predict.predict)
 app.command("report", cls=Command)(report.report)
 app.command("fit", cls=Command)(fit.fit)

@@ -143,7 +143,7 @@ Pace = Annotated[
 
 # Every command stands in one group; the order is that of the help.
 GROUPS = {
-    "Measure": ("plan", "dynamic", "static", "paper", "fatigue", "resume"),
+    "Measure": ("plan", "dynamic", "static", "paper", "fatigue", "resume", "record"),
     "Look": ("runs", "view", "trip"),
     "Understand": ("report", "fit", "diagnose", "reference", "crosscheck", "prove"),
     "Design": ("predict", "strip", "sweep"),

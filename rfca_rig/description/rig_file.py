@@ -3,7 +3,7 @@ for a twin, its true properties.
 """
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
@@ -36,7 +36,7 @@ from rfca_rig.errors import BadInput
 from rfca_rig.model.parameters import RigModel
 from rfca_rig.protocol.experiments import RigFacts
 from rfca_rig.protocol.plan import Limits, Rates
-from rfca_rig.toml import NotNegative, Positive, Section, model_of, read_text
+from rfca_rig.toml import NotNegative, Positive, Section, model_of, read_data, read_text
 from rfca_rig.vision.camera_model import CameraModel
 from rfca_rig.vision.leg_photo import PhotoSetup
 
@@ -343,6 +343,39 @@ class RigFile(Section):
         )
 
 
+class DevicesRigSection(Section):
+    """[rig] of a file without a leg."""
+
+    title: str = Field(description="name of the rig, printed on reports")
+    kind: Literal["real"] = Field(description="a twin needs a whole rig file")
+
+
+class DevicesFile(Section):
+    """A rig file without a leg: a motor, a force sensor or both, which `record` listens to."""
+
+    rig: DevicesRigSection
+    motor: Motor | None = None
+    force_sensor: ForceSensorChoice | None = None
+
+    @model_validator(mode="after")
+    def _has_a_device(self) -> "DevicesFile":
+        if self.motor is None and self.force_sensor is None:
+            raise ValueError("has neither [motor] nor [force_sensor]; give one of them or both")
+        return self
+
+
+def read_devices(path: Path) -> RigFile | DevicesFile:
+    """Read the rig file in `path`, of which devices are enough: without [leg] and what a run with
+    motion needs besides. Raises BadInput as `read_rig` does.
+    """
+    text = read_text(path)
+    data = read_data(path)
+    if not data.keys() <= DevicesFile.model_fields.keys():
+        return read_rig(path)
+    devices = model_of(text, DevicesFile, path)
+    return _resolve_sensor_files(path.parent, _with_own_devices(text, path, devices))
+
+
 def read_rig(path: Path) -> RigFile:
     """Read the rig in `path`. Raises BadInput, with file and line, where it cannot be used."""
     text = read_text(path)
@@ -350,7 +383,10 @@ def read_rig(path: Path) -> RigFile:
     return _with_files_beside(path.parent, _with_own_devices(text, path, rig))
 
 
-def _with_own_devices(text: str, path: Path, rig: RigFile) -> RigFile:
+File = TypeVar("File", RigFile, DevicesFile)
+
+
+def _with_own_devices(text: str, path: Path, rig: File) -> File:
     """The rig, with the sections of a lab's own devices validated by their files."""
     # A section was read with any keys at first; its own class now replaces it.
     for table, section in (("motor", rig.motor), ("force_sensor", rig.force_sensor)):
@@ -361,16 +397,21 @@ def _with_own_devices(text: str, path: Path, rig: RigFile) -> RigFile:
 
 def _with_files_beside(folder: Path, rig: RigFile) -> RigFile:
     """The rig, with its paths resolved from its own folder."""
-    sensor = rig.force_sensor
+    rig = _resolve_sensor_files(folder, rig)
     camera = rig.camera
-    if sensor.file_keys:
-        rig = rig.model_copy(update={"force_sensor": _from(folder, sensor, *sensor.file_keys)})
     if camera is not None:
         paths = ["calibration_file"]
         if isinstance(camera, PhotoFolderSection):
             paths.append("folder")
         rig = rig.model_copy(update={"camera": _from(folder, camera, *paths)})
     return rig
+
+
+def _resolve_sensor_files(folder: Path, rig: File) -> File:
+    sensor = rig.force_sensor
+    if sensor is None or not sensor.file_keys:
+        return rig
+    return rig.model_copy(update={"force_sensor": _from(folder, sensor, *sensor.file_keys)})
 
 
 def _from(folder: Path, section: Section, *keys: str) -> Section:

@@ -175,9 +175,14 @@ def texts_of(motor: object, force_sensor: object) -> Mapping[str, str]:
     return texts
 
 
-def packages_of(motor: MotorSection, force_sensor: ForceSensorSection) -> Mapping[str, str]:
+def packages_of(
+    motor: MotorSection | None, force_sensor: ForceSensorSection | None
+) -> Mapping[str, str]:
     """Installed packages that offer the devices, with their versions, by name, for the
     recording.
     """
-    named = {"motor": package_of(motor.device), "force_sensor": package_of(force_sensor.device)}
-    return {f"{table}_package": package for table, package in named.items() if package is not None}
+    packages = {}
+    for table, keys in (("motor", motor), ("force_sensor", force_sensor)):
+        if keys is not None and (package := package_of(keys.device)) is not None:
+            packages[f"{table}_package"] = package
+    return packages

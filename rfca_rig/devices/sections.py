@@ -256,7 +256,8 @@ class ForceSensorKeys(SerialSensorKeys, OwnForceSensorSection):
         raise NotImplementedError("FORCE_SENSOR defines no driver(port, clock)")
 
 
-@dataclass(frozen=True)
+# By identity, which makes it hashable: an optional table needs that, and a registry is a dict.
+@dataclass(frozen=True, eq=False)
 class SelectedByDevice(SelectedByData):
     """Annotation of a section that `device` selects from the registry. Only the section of that
     kind is imported.

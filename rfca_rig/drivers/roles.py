@@ -101,6 +101,17 @@ class ShaftMotor(Protocol):
         ...
 
 
+@runtime_checkable
+class AskedMotor(Protocol):
+    """A motor whose drive reports only as an answer to a command, so that `read` alone brings
+    nothing.
+    """
+
+    def ask(self) -> None:
+        """Requests a report from a drive that is not commanded. What it sends never adds torque."""
+        ...
+
+
 @dataclass(frozen=True)
 class SensorScale:
     """Scale from counts to N and N m: value = counts / counts_per_unit. `rate_Hz` is the record

@@ -9,9 +9,10 @@ from typing import Any
 
 from rfca_rig.errors import BadInput, Trip
 from rfca_rig.escaping import printable
+from rfca_rig.recording.layout import LISTENING
 from rfca_rig.suggestions import suggestion
 
-KINDS = ("dynamic", "static", "fatigue", "imported")
+KINDS = ("dynamic", "static", "fatigue", LISTENING, "imported")
 ENDINGS = (
     "done",
     "stopped",

@@ -389,7 +389,10 @@ def _title(folder: Path, texts: Recording | None) -> str:
             first,
             {name: texts.provenance.get(name) for name in first},
         )
-    return f"{header.source} {header.title}"
+    title = f"{header.source} {header.title}"
+    if header.is_listening:
+        title += ", recorded without motion"
+    return title
 
 
 def _provenance_of_ending(folder: Path) -> Mapping[str, str]:

@@ -34,6 +34,8 @@ PENDULUM = "pendulum.toml"
 EXPERIMENT = "experiment.toml"
 # Describes a campaign on a leg that was recorded elsewhere.
 CAMPAIGN = "campaign.toml"
+# The experiment of a recording that `record` made, without motion.
+LISTENING = "listening"
 # In the folder of a diagnosis.
 DIAGNOSIS = "diagnosis.json"
 BALLAST = ".ballast"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rfca_rig.errors import BadInput
 from rfca_rig.escaping import printable
-from rfca_rig.recording.layout import is_inside
+from rfca_rig.recording.layout import LISTENING, is_inside
 
 Floats = NDArray[np.float64]
 Source = Literal["SIM", "REAL", "IMPORT"]
@@ -173,6 +173,11 @@ class Recording:
         # Titles are printed by nearly every command; the file may come from elsewhere.
         object.__setattr__(self, "title", printable(str(self.title)))
 
+    @property
+    def is_listening(self) -> bool:
+        """Whether the devices were recorded without any motion by this program."""
+        return self.provenance.get("experiment") == LISTENING
+
     def with_order(self) -> "Recording":
         """The same with its strokes counted, where a rig or a twin recorded them: there they are
         stored in the order of time.
@@ -190,8 +195,15 @@ class Recording:
 
 def refuse_other_nominal(recordings: Sequence[Recording], remedy: str) -> None:
     """Raise BadInput, which ends with what to do instead, for the first recording whose nominal
-    model or whose [known_to] differs from those of the first one.
+    model or whose [known_to] differs from those of the first one; also for one that was made
+    without motion, which has neither.
     """
+    for recording in recordings:
+        if recording.is_listening:
+            raise BadInput(
+                f"{recording.title!r} was recorded without motion, so it says nothing of a model; "
+                "leave it out"
+            )
     first = recordings[0]
     for other in recordings[1:]:
         if other.nominal != first.nominal or other.known_to != first.known_to:

@@ -151,7 +151,9 @@ def _(
         "--as-is": options.as_is,
         "--accept": options.accept,
     }
-    tolerances = read_tolerances(options.accept) if options.accept else None
+    tolerances = None
+    if options.accept is not None:
+        tolerances = read_tolerances(options.accept)
     recordings = problem.recordings_of_leg
     command = command_line("report", *problem.paths, options=typed)
     shaft = options.shaft or _choose_shaft(given)
@@ -164,7 +166,8 @@ def _(
         lambda done, of: progress("conditions", done / of),
         tolerances,
     )
-    lines = _describe_pages(written.table, out, len(recordings), shaft)
+    is_listening = all(recording.is_listening for recording in recordings)
+    lines = _describe_pages(written.table, out, len(recordings), shaft, is_listening)
     rows = _list_valleys(written.table)
     return WrittenComparison(tuple(written.pages), out / "table2.json", lines, rows, written.tests)
 
@@ -197,7 +200,9 @@ def _list_valleys(table: Table2) -> tuple[Row, ...]:
     )
 
 
-def _describe_pages(table: Table2, out: Path, runs: int, shaft: Shaft) -> tuple[str, ...]:
+def _describe_pages(
+    table: Table2, out: Path, runs: int, shaft: Shaft, is_listening: bool
+) -> tuple[str, ...]:
     """The pages, the most informative one first."""
     lines: list[str] = []
     if table.rows:
@@ -210,6 +215,8 @@ def _describe_pages(table: Table2, out: Path, runs: int, shaft: Shaft) -> tuple[
                 f"{table.average_force_error_pct:.1f} % in force, shaft {SHAFT_IN_SHORT[shaft]}"
             )
         lines.append(f"{out / 'report.html'}: {averages}")
+    if is_listening:
+        lines.append("recorded without motion: there is nothing to compare with a model")
     if runs == 1:
         lines.append(f"{out / 'run.html'}: how the run went")
     else:

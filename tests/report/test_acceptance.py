@@ -7,6 +7,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rfca_rig.description.tolerances_file import read_tolerances
@@ -156,3 +157,20 @@ def test_the_example_of_the_documents_is_a_tolerances_file(tmp_path):
     path.write_text(text.partition("```toml\n")[2].partition("```")[0])
     tolerances = read_tolerances(path)
     assert tolerances.fz is not None and tolerances.fz.lag_ms == 15
+
+
+def test_only_the_phases_that_the_file_names_are_compared(tmp_path, tolerances):
+    """A push while the leg is at rest."""
+    pushed = []
+    for stroke in strokes():
+        streams = {}
+        for name, stream in stroke.streams.items():
+            force = stream.columns["fz_N"]
+            raw = np.where(np.abs(stream.t_s + 0.05) < 0.013, force.raw + 30.0, force.raw)
+            columns = {**stream.columns, "fz_N": replace(force, raw=raw)}
+            streams[name] = replace(stream, columns=columns)
+        pushed.append(replace(stroke, streams=streams))
+    assert not compare_within(tmp_path / "some", pushed, tolerances).failed
+    tolerances.write_text(TOLERANCES.replace('"free", ', '"rest", "free", '))
+    tests = compare_within(tmp_path / "all", pushed, tolerances)
+    assert [round(test.t_s, 2) for test in tests.failed] == [-0.05] * 4

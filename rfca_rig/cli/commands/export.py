@@ -96,6 +96,34 @@ def export_csv(
     )
 
 
+@app.command("can", cls=Command)
+def export_can(
+    run: Recorded,
+    out: Annotated[
+        Path,
+        typer.Option(
+            "--out", metavar="FILE", help="The file to write: .asc, .blf, .log (candump) or .trc."
+        ),
+    ],
+    as_json: Json = False,
+) -> None:
+    """Write the CAN frames of a recording as a log for tools of a bus; record records them.
+
+    Example: rfca-rig export can runs/REAL-listening-001 --out bus.blf
+    """
+    import json
+
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.export.can_log import export_can_log
+
+    with progress(as_json) as bars:
+        frames = export_can_log(run, out, bars.counting("stages"))
+    if as_json:
+        echo(json.dumps({"out": str(out), "frames": frames}, indent=1))
+        return
+    echo(f"{frames} frames in {out}", err=True)
+
+
 @app.command("mjcf", cls=Command)
 def export_mjcf(
     run: Recorded,

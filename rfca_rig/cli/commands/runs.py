@@ -15,6 +15,7 @@ from rfca_rig.cli.options import Json
 from rfca_rig.cli.terminal import echo
 from rfca_rig.escaping import printable
 from rfca_rig.logbook.entry import Entry, LoggedCondition
+from rfca_rig.recording.layout import LISTENING
 
 if TYPE_CHECKING:
     from rfca_rig.logbook.entry import Entry
@@ -105,9 +106,11 @@ def _describe(entry: Entry) -> str:
         (entry.swings, "pendulum run"),
         (entry.motions, "recording"),
     )
-    what = [f"{count} {name}{'' if count == 1 else 's'}" for count, name in counts if count] or [
-        "nothing whole"
-    ]
+    what = [f"{count} {name}{'' if count == 1 else 's'}" for count, name in counts if count]
+    if entry.kind == LISTENING:
+        what = ["devices without motion"]
+    if not what:
+        what = ["nothing whole"]
     people = [text for text in (entry.sample and f"sample {entry.sample}", entry.operator) if text]
     return "; ".join(
         text

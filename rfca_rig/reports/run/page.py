@@ -81,6 +81,7 @@ SHOWN_ELSEWHERE = (
 )
 
 DONE = "done"
+LISTENED = "Recorded without motion: the motor was neither enabled nor commanded by this program."
 # Stiffness checks that the page lists; the CSV has all.
 MOST_CHECKS = 20
 # Key of a limit, words, unit shown, factor to that unit.
@@ -478,6 +479,8 @@ def _sentence(story: RunStory) -> str:
     interrupted = known.get("interrupted", "")
     if story.recording.source == "IMPORT":
         return "Recorded elsewhere: what was not imported is not shown here."
+    if story.recording.is_listening:
+        return f"{LISTENED} {_sentence_on_end(ended or interrupted)}"
     if ended == DONE:
         return "The whole plan was carried out."
     if not ended and interrupted:
@@ -491,6 +494,12 @@ def _sentence(story: RunStory) -> str:
     else:
         explained = ""
     return keep_units_together(f"The run ended before its plan did: {ended}.{explained}")
+
+
+def _sentence_on_end(why: str) -> str:
+    if why == DONE:
+        return "The recording is complete."
+    return keep_units_together(f"It ended early: {why or 'its end is not on record'}.")
 
 
 def _has_tripped(kept: Mapping[str, str]) -> bool:

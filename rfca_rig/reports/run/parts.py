@@ -24,7 +24,7 @@ from rfca_rig.recording.model import RawStage, Recording, StaticStage, Stream, S
 from rfca_rig.recording.tables import CYCLES
 
 Floats = NDArray[np.float64]
-Kind = Literal["stroke", "static stage", "cycles", "cut short"]
+Kind = Literal["stroke", "static stage", "cycles", "listening", "cut short"]
 
 # Sampling of simulated strokes for their peak loads.
 SAMPLE_S = 1e-3
@@ -251,6 +251,13 @@ def _parts(
             *loads,
             count=count,
         )
+    if recording.is_listening:
+        for stage in whole.values():
+            begun_here = _next(begun, stage.label)
+            loads = _peak(stage.streams), None
+            samples = _samples(stage.streams)
+            yield RunPart("listening", stage.label, "without motion", begun_here, samples, *loads)
+        return
     holds = [stage for stage in whole.values() if CYCLES not in stage.streams]
     for index, static in enumerate(recording.static):
         raw = None

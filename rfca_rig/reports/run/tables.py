@@ -14,6 +14,7 @@ from rfca_rig.analysis.repeats import STDS_OF_95
 from rfca_rig.analysis.static_forces import stiffness_drift
 from rfca_rig.protocol.check import Load
 from rfca_rig.protocol.plan import Cycles, Flap, StiffnessCheck, cycles_in
+from rfca_rig.recording.can_frames import CAN
 from rfca_rig.recording.columns import DEVICE_TIME, HOST_TIME
 from rfca_rig.recording.model import RawStage, Recording, Stream, Stroke
 from rfca_rig.recording.tables import CYCLES
@@ -80,7 +81,11 @@ def clock_drifts(recording: Recording) -> list[ClockDrift]:
     count.
     """
     stages: Sequence[Stroke | RawStage] = (*recording.strokes, *recording.raw)
-    names = dict.fromkeys(name for stage in stages for name in stage.streams if name != CYCLES)
+    # Frames on a bus carry no time of their sender.
+    without_clock = (CYCLES, CAN)
+    names = dict.fromkeys(
+        name for stage in stages for name in stage.streams if name not in without_clock
+    )
     drifts = []
     for name in names:
         drift = _drift(name, [stage.streams[name] for stage in stages if name in stage.streams])

@@ -112,12 +112,9 @@ def make_acceptance_table(tests: AcceptanceTests) -> Table:
 
 
 def _signal_row(test: SignalTest) -> TableRow:
-    values = {
-        **asdict(test),
-        "tested": test.signal,
-        "result": _word(test.is_accepted),
-        "beyond": test.beyond if test.outside else None,
-    }
+    values = {**asdict(test), "tested": test.signal, "result": _word(test.is_accepted)}
+    if not test.outside:
+        values["beyond"] = None
     return TableRow(values, marked=not test.is_accepted)
 
 
@@ -140,7 +137,9 @@ def _valley_row(test: ValleyTest) -> TableRow:
 
 
 def _word(is_accepted: bool) -> str:
-    return "passed" if is_accepted else "FAILED"
+    if is_accepted:
+        return "passed"
+    return "FAILED"
 
 
 def acceptance_document(tests: AcceptanceTests) -> dict[str, Any]:
@@ -163,8 +162,10 @@ def acceptance_json(tests: AcceptanceTests) -> str:
 def _plain(test: SignalTest | ValleyTest) -> dict[str, Any]:
     values: dict[str, Any] = {"accepted": test.is_accepted}
     for name, value in asdict(test).items():
-        if isinstance(value, float):
-            values[name] = round_or_none(value if isfinite(value) else None, 6)
-        else:
+        if not isinstance(value, float):
             values[name] = value
+        elif isfinite(value):
+            values[name] = round_or_none(value, 6)
+        else:
+            values[name] = None
     return values

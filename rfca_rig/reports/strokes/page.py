@@ -334,6 +334,8 @@ def page(
             PageSection("Forces at the peak", [as_html(peaks)]),
             _strokes(sources, shaft),
         ]
+    elif all(source.recording.is_listening for source in sources):
+        kind = "recorded without motion"
     else:
         kind = "static stages"
     sections += [_static_stages(sources), _models(sources, context.model_file)]
@@ -371,18 +373,20 @@ def _opening(
             paragraph(of, "of"),
             html("<h1>{}</h1>", _join_titles(sources)),
             list_sources(described),
-            paragraph(_standfirst(table), "standfirst"),
+            paragraph(_standfirst(sources, table), "standfirst"),
             page_links(context.links),
         ],
     )
 
 
-def _standfirst(table: Table2) -> str:
+def _standfirst(sources: Sequence[ComparedSource], table: Table2) -> str:
     time = table.average_time_error_pct
     force = table.average_force_error_pct
     if time is None or force is None:
         if table.rows:
             return "No valley could be compared."
+        if any(source.recording.is_listening for source in sources) and not _has_static(sources):
+            return "Recorded without motion: there is nothing to compare with a model."
         return "Static stages; no strokes were recorded."
     paper_time, paper_force = PAPER_AVERAGE_ERROR_PCT
     return (
@@ -390,6 +394,10 @@ def _standfirst(table: Table2) -> str:
         f"{number(force, 2)} % in force on average; "
         f"the model of the paper met its rig to {paper_time} % and {paper_force} %."
     )
+
+
+def _has_static(sources: Sequence[ComparedSource]) -> bool:
+    return any(source.recording.static for source in sources)
 
 
 def _describe_source(source: ComparedSource, is_alone: bool) -> str:
@@ -404,6 +412,8 @@ def _describe_source(source: ComparedSource, is_alone: bool) -> str:
     if recording.static:
         contents.append(count_noun(len(recording.static), "static stage"))
     holds = " and ".join(contents) or "nothing recorded"
+    if recording.is_listening:
+        holds = "reports of the devices, without motion"
     if is_alone:
         return holds
     return f"{source.name}: {holds}"

@@ -1,3 +1,3 @@
-"""Commands that measure: `plan`, `dynamic`, `static` with its `static report`, `fatigue` and
-`resume`.
+"""Commands that measure: `plan`, `dynamic`, `static` with its `static report`, `fatigue`,
+`record` and `resume`.
 """

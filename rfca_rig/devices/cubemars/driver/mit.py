@@ -48,6 +48,8 @@ MAX_MOTION_RAD = 0.1
 RESYNC_S = 0.02
 # Number of open requests that are kept, so that a silent drive costs no memory.
 MAX_OPEN_REQUESTS = 64
+# For which `ask` listens before it sends its first frame: several periods of any controller.
+LISTEN_S = 0.3
 # Margin in rad at the shaft, on top of the fastest possible motion, before a step counts as a jump.
 JUMP_MARGIN_RAD = 0.3
 
@@ -213,6 +215,11 @@ class MitReplies(DriveReceiver):
             )
         return None
 
+    @property
+    def has_heard_anything(self) -> bool:
+        """Whether a frame of anybody has arrived since `reset_counters`."""
+        return bool(self.heard or self._foreign or self._masters or self._servo)
+
     def missing(self) -> str | None:
         drive = self._settings.drive_id
         if self.heard:
@@ -311,6 +318,9 @@ class CubemarsMitMotor(MotorDrive):
         self._last_word = MitTorqueOffFrames(settings)
         self._reports = MitReplies(bus, clock, settings)
         self._target: MovingTarget | None = None
+        # For `ask`: both None until it is called, and until it has listened.
+        self._listens_until_s: float | None = None
+        self._is_bus_quiet: bool | None = None
 
     def enable(self) -> None:
         """Energises the motor and holds the shaft. A command with zero gains first overwrites the
@@ -491,6 +501,23 @@ class CubemarsMitMotor(MotorDrive):
         """
         self._reports.drain()
         return self._reports.samples()
+
+    def ask(self) -> None:
+        """Requests a reply by EXIT, which may remove torque and never adds any: no frame of this
+        mode only asks.
+
+        Listens for LISTEN_S first. Where anything is on the bus by then, another program may be
+        using the drive, which EXIT would disable: nothing is ever sent.
+        """
+        now_s = self._clock.now_s()
+        if self._listens_until_s is None:
+            self._listens_until_s = now_s + LISTEN_S
+        if now_s < self._listens_until_s:
+            return
+        if self._is_bus_quiet is None:
+            self._is_bus_quiet = not self._reports.has_heard_anything
+        if self._is_bus_quiet:
+            self._send_data(encode_special(Special.EXIT))
 
     def status(self) -> MotorStatus:
         """State of the drive. The state text is what was commanded: the drive reports errors
