@@ -259,6 +259,12 @@ class Recorder:
             torque_Nm=round(peak.torque_Nm, 4),
         )
 
+    def begin_pause(self) -> None:
+        self.note("paused")
+
+    def end_pause(self, waited_s: float) -> None:
+        self.note("pause ends", waited_s=round(waited_s, 3))
+
     def off(self, gaps: GapCounter, standstill: Standstill, bad_samples: str) -> None:
         self.gaps = gaps
         self.standstill = standstill

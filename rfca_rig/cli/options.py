@@ -118,7 +118,7 @@ View = Annotated[
     bool,
     typer.Option(
         "--view",
-        help="Watch the run in the browser, and stop it from there; the address is printed.",
+        help="Watch the run in the browser, pause and stop it from there; the address is printed.",
     ),
 ]
 ViewPort = Annotated[

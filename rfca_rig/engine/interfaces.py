@@ -73,6 +73,11 @@ class RunObserver(Protocol):
         request that came up meanwhile.
         """
 
+    def pause(self, is_paused: bool) -> None:
+        """The run waits before its next stage, because the operator asked for it, with the shaft
+        held; or it goes on.
+        """
+
     def tick(self, tick: Tick) -> None:
         """A tick is over. Its samples are with the sink by now; the limits have not been checked
         on them yet.
@@ -90,6 +95,9 @@ class NullObserver:
 
     def energising(self) -> None:
         pass
+
+    def pause(self, is_paused: bool) -> None:
+        del is_paused
 
     def tick(self, tick: Tick) -> None:
         del tick
@@ -116,13 +124,15 @@ class StopRequest:
 
     `is_ticking` means that the loop runs and sees a request within milliseconds; otherwise the run
     waits for a person, with the motor off. `is_over` means that the stop is under way and further
-    requests change nothing.
+    requests change nothing. `is_pause_asked` is no stop: the run waits before the next stage that
+    it reaches with the leg in the air, for as long as it stays set.
     """
 
     level: StopLevel = StopLevel.GO_ON
     why: str = ""
     is_ticking: bool = False
     is_over: bool = False
+    is_pause_asked: bool = False
 
     def ask(self, level: StopLevel, why: str) -> None:
         """Requests a stop; a request is only ever replaced by a more urgent one."""

@@ -8,7 +8,16 @@ from itertools import takewhile
 
 from rfca_rig.engine.interfaces import NULL_OBSERVER, Bench, RunObserver, StopLevel, StopRequest
 from rfca_rig.engine.loop import Loop
-from rfca_rig.engine.stages import TICK_S, approach, flap, hold, move, run_cycles, settle
+from rfca_rig.engine.stages import (
+    HOLD_PERIOD_S,
+    TICK_S,
+    approach,
+    flap,
+    hold,
+    move,
+    run_cycles,
+    settle,
+)
 from rfca_rig.engine.stopping import UNKNOWN_STANDSTILL, Sink, ramp_down, stop, switch_off
 from rfca_rig.errors import RigError, Stopped, Trip, Tripped
 from rfca_rig.protocol.check import Load
@@ -57,6 +66,16 @@ def stages_to_safe_point(done: Sequence[Stage], to_come: Sequence[Stage]) -> Seq
         out_of_ground = [move for move in moves if move.forwards][:1]
     to_parking = [move for move in moves[-1:] if not move.forwards]
     return (*out_of_ground, *to_parking)
+
+
+def may_pause(done: Sequence[Stage], to_come: Stage) -> bool:
+    """Whether a run may wait between these stages: the motor holds the shaft, and the leg is in the
+    air, or parked before the rack is set. A leg that stays bent on the ground would creep, and its
+    motor warm up.
+    """
+    if not done:
+        return False
+    return isinstance(to_come, SetHeight) or _is_in_the_air(done)
 
 
 def _is_in_the_air(done: Sequence[Stage]) -> bool:
@@ -280,11 +299,30 @@ class _Run:
         """
         stages = self._plan.stages
         for number, stage in enumerate(stages):
+            if self._stop_request.is_pause_asked and may_pause(stages[:number], stage):
+                self._pause()
             if self._stop_request.level:
                 self._is_cut_short = True
                 yield from stages_to_safe_point(stages[:number], stages[number:])
                 return
             yield stage
+
+    def _pause(self) -> None:
+        """Holds the shaft where it stands, as between stages, until the operator lets the run go on
+        or stops it. Commands go on, so every limit is checked and the drive's watchdog is fed.
+        """
+        loop = self._loop
+        began_s = loop.now_s
+        # The loop sees a request here, also where the stage before was a setting of the rack.
+        self._stop_request.is_ticking = True
+        # At rest the leg's weight is all that is expected; the limits alone watch over it.
+        loop.expect(None)
+        self._sink.begin_pause()
+        self._observer.pause(True)
+        while self._stop_request.is_pause_asked and not self._stop_request.level:
+            loop.step_to_angle(loop.target_rad, 0.0, HOLD_PERIOD_S)
+        self._observer.pause(False)
+        self._sink.end_pause(loop.now_s - began_s)
 
     def _carry_out(self, stage: Stage) -> None:
         loop = self._loop

@@ -214,6 +214,12 @@ class Sink(Protocol):
     def take_first_stroke(self, stage: Approach, peak: Load) -> None:
         """A first stroke is done, with its largest load."""
 
+    def begin_pause(self) -> None:
+        """The run waits between two stages, because the operator asked for it."""
+
+    def end_pause(self, waited_s: float) -> None:
+        """The run goes on, or is stopped, after so long."""
+
     def off(self, gaps: GapCounter, standstill: Standstill, bad_samples: str) -> None:
         """The motor is without torque and the run is over.
 

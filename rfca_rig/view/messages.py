@@ -154,6 +154,10 @@ class FeedSource(Protocol):
         """
         ...
 
+    def pause(self, is_wanted: bool) -> bool:
+        """Requests a pause, or that the run goes on; False where that would change nothing."""
+        ...
+
 
 def number_in(message: Mapping[str, Any], name: str) -> float | None:
     """A number from a page's message, None where it is missing or not a number."""

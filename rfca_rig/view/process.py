@@ -64,6 +64,9 @@ LINES = 12
 MOST_STROKES = 300
 # The words that a page sends.
 STOP_LEVELS = {"safe point": StopLevel.SAFE_POINT, "now": StopLevel.TORQUE_OFF}
+# Words of a state.
+PAUSE_ASKED = "asked"
+PAUSED = "paused"
 DONE = "done"
 SILENT_END = "the run's process ended without a word"
 FORCE = slice(0, len(WRENCH))
@@ -106,6 +109,7 @@ class LiveSource:
         self._ended: str | None = None
         self._code = ""
         self._asked: str | None = None
+        self._is_paused = False
         self.pyramid = Pyramid(len(CHANNELS))
         self.forces = ExpectedForces(facts.nominal, facts.known_to)
         # Replaced, never changed, with each stroke: pages compare it by identity.
@@ -141,8 +145,19 @@ class LiveSource:
         # A request is only ever replaced by a more urgent one. It travels in the queue's word for
         # acknowledged stages.
         if level > self._queue.acknowledged:
-            self._queue.tell(level, False)
+            self._queue.tell(level, self._queue.has_complained)
             self._asked = how
+        return True
+
+    def pause(self, is_wanted: bool) -> bool:
+        """Requests a pause of the run, or that it goes on; False where the run is over, is to be
+        stopped, or is asked for that already.
+        """
+        level = self._queue.acknowledged
+        if self.is_over or level or is_wanted == self._queue.has_complained:
+            return False
+        # The queue's word for a complaint.
+        self._queue.tell(level, is_wanted)
         return True
 
     def look(self) -> None:
@@ -193,6 +208,9 @@ class LiveSource:
                     self._stage(event)
                 case "start":
                     self._start(event["start_s"])
+                case "pause":
+                    self._is_paused = event["is_paused"]
+                    self._progress.pause(self._is_paused, event["wall_s"])
                 case "vitals":
                     self._health.vitals(event)
                 case "line":
@@ -311,9 +329,20 @@ class LiveSource:
             "said": list(self._lines),
             "speed": 1.0,
             "stop_asked": self._asked,
+            "pause": self._pause_word(),
             "ended": self._ended,
             "trip": trip,
         }
+
+    def _pause_word(self) -> str | None:
+        """Of a run that waits, or will wait as soon as the leg is in the air; None otherwise."""
+        if self.is_over:
+            return None
+        if self._is_paused:
+            return PAUSED
+        if self._queue.has_complained:
+            return PAUSE_ASKED
+        return None
 
     def leg(self) -> Message | None:
         """Pose of the leg for the page; None before the first angle of the shaft."""
@@ -358,6 +387,9 @@ class LiveRun:
 
     def stop(self, how: str) -> bool:
         return self.source.stop(how)
+
+    def pause(self, is_wanted: bool) -> bool:
+        return self.source.pause(is_wanted)
 
 
 class LiveFeed:

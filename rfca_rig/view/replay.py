@@ -91,6 +91,11 @@ class Replay:
         del how
         return False
 
+    def pause(self, is_wanted: bool) -> bool:
+        """A recording cannot be paused by the run's request."""
+        del is_wanted
+        return False
+
     def _health(self) -> list[Health]:
         """Health of the run from the recording's provenance."""
         known = self._stored.provenance

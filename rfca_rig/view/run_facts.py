@@ -99,6 +99,15 @@ class Progress:
         self._now = -1
         self._began_s = 0.0
         self._over: float | None = None
+        self._paused_s: float | None = None
+
+    def pause(self, is_paused: bool, wall_s: float) -> None:
+        """The run waits, or goes on: the time between counts to no stage."""
+        if is_paused:
+            self._paused_s = wall_s
+        elif self._paused_s is not None:
+            self._began_s += wall_s - self._paused_s
+            self._paused_s = None
 
     def begin(self, number: int, wall_s: float) -> None:
         """A stage begins, which ends the one before; `number` is -1 for one that is not in the
@@ -120,6 +129,8 @@ class Progress:
         """Progress at a wall time."""
         if self._now < 0:
             return Position(-1, 0.0, self._over or 0.0, None)
+        if self._paused_s is not None:
+            wall_s = self._paused_s
         needs_s = self._needs_s(self._stages[self._now])
         elapsed_s = wall_s - self._began_s
         if needs_s > 0.0:

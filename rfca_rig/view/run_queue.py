@@ -168,7 +168,8 @@ class RunQueue:
     """Implements `engine.interfaces.RunObserver`.
 
     `lost` counts force records that the view did not get; the recording has them all. The queue's
-    word for acknowledged stages, which a recorder uses, carries the operator's stop request here.
+    words for acknowledged stages and for a complaint, which a recorder uses, carry the operator's
+    stop request and a wanted pause here.
     `vitals` returns the state of the sensor's stream, and the bytes that the recorder is behind.
     `announce` is called with a line of text when a stop is requested.
     """
@@ -192,6 +193,7 @@ class RunQueue:
         self._next = 0
         self._vitals_s = -VITALS_EVERY_S
         self._owed: deque[bytes] = deque(maxlen=MAX_WAITING)
+        self._is_pause_seen = False
         self.lost = 0
 
     def stage(self, stage: Stage, expected: Load | None, turns_rad: float | None) -> None:
@@ -229,6 +231,16 @@ class RunQueue:
 
     def energising(self) -> None:
         self._check_stop_request()
+
+    def pause(self, is_paused: bool) -> None:
+        self._send_event({"about": "pause", "is_paused": is_paused})
+        if is_paused:
+            self._notify(
+                "paused: the motor holds the shaft, limits are checked; "
+                "the view lets it go on, ^C stops it"
+            )
+        else:
+            self._notify("the pause is over")
 
     def tick(self, tick: Tick) -> None:
         now_s = self._clock.now_s()
@@ -277,6 +289,7 @@ class RunQueue:
         return True
 
     def _check_stop_request(self) -> None:
+        self._check_pause()
         # The word comes from another process: a larger number is limited to the most urgent stop.
         level = StopLevel(min(self._queue.acknowledged, StopLevel.TORQUE_OFF))
         if level > self._stop_request.level and level in WHY and not self._stop_request.is_over:
@@ -285,6 +298,17 @@ class RunQueue:
             if level is StopLevel.SAFE_POINT:
                 when = "at the next safe point"
             self._notify(f"the view asks for a stop {when}")
+
+    def _check_pause(self) -> None:
+        is_asked = self._queue.has_complained
+        if is_asked == self._is_pause_seen or self._stop_request.is_over:
+            return
+        self._is_pause_seen = is_asked
+        self._stop_request.is_pause_asked = is_asked
+        if is_asked:
+            self._notify("the view asks for a pause, once the leg is in the air after a stage")
+        else:
+            self._notify("the view asks to go on")
 
 
 HOST = "127.0.0.1"

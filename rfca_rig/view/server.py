@@ -85,6 +85,10 @@ POLICY = {
     # is sent on it.
     "connection": "close",
 }
+# Whether a pause is wanted, by the word that a page sends.
+PAUSE_HOWS = {"pause": True, "continue": False}
+CLEAR = "nobody is near the leg"
+SAY_PAUSE = f'say {{"how": "pause"}}, or {{"how": "continue", "confirmed": "{CLEAR}"}}'
 REFUSED = 1008  # websocket: policy violation
 
 
@@ -156,6 +160,21 @@ class Pages:
             return PlainTextResponse("nothing here can be stopped any more\n", 409)
         return PlainTextResponse("asked for\n", 202)
 
+    async def pause(self, request: Request) -> Response:
+        """HTTP handler of a pause and of its end. The end of a pause starts motion again, so it
+        names what the operator has looked at.
+        """
+        try:
+            body = await _read_body(request)
+            is_wanted = PAUSE_HOWS[body["how"]]
+        except (LookupError, TypeError, ValueError):
+            return PlainTextResponse(f"{SAY_PAUSE}\n", 400)
+        if not is_wanted and body.get("confirmed") != CLEAR:
+            return PlainTextResponse(f"{SAY_PAUSE}\n", 400)
+        if not self._source.pause(is_wanted):
+            return PlainTextResponse("that would change nothing\n", 409)
+        return PlainTextResponse("asked for\n", 202)
+
 
 async def _listen(socket: WebSocket, feed: Feed) -> None:
     """Reads messages of the page until it is closed."""
@@ -218,6 +237,7 @@ def application(pages: Pages, token: str) -> ASGIApp:
         Route("/", _page),
         Route("/admitted", _confirm_admission),
         Route("/stop", pages.stop, methods=["POST"]),
+        Route("/pause", pages.pause, methods=["POST"]),
         WebSocketRoute("/stream", pages.stream),
         Route("/trips/{code}", _trip),
         Mount("/static", StaticFiles(directory=STATIC, check_dir=False)),

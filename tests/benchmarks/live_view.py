@@ -81,6 +81,9 @@ class Timed:
     def energising(self) -> None:
         self._observer.energising()
 
+    def pause(self, is_paused: bool) -> None:
+        self._observer.pause(is_paused)
+
     def tick(self, tick: Tick) -> None:
         begin_s = time.monotonic()
         self.began = self.began or (begin_s, tick.now_s)

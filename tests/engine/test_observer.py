@@ -37,6 +37,9 @@ class Looking:
         if self._stop_request is not None:
             self._stop_request.ask(StopLevel.SAFE_POINT, "stopped by a test")
 
+    def pause(self, is_paused):
+        del is_paused
+
     def tick(self, tick):
         self.ticks.append(tick)
 

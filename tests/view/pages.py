@@ -29,9 +29,14 @@ def stream_of(url: str, **more: object) -> ClientConnection:
 
 def asked_to_stop(url: str, body: bytes, **headers: str) -> int:
     """The status of the answer."""
+    return posted(url, "stop", body, **headers)
+
+
+def posted(url: str, path: str, body: bytes, **headers: str) -> int:
+    """The status of the answer."""
     place, _, token = url.partition("/#token=")
     headers = {"Authorization": f"Bearer {token}", **headers}
-    request = urllib.request.Request(f"{place}/stop", data=body, headers=headers, method="POST")
+    request = urllib.request.Request(f"{place}/{path}", data=body, headers=headers, method="POST")
     try:
         with urllib.request.urlopen(request, timeout=60.0) as answer:
             return int(answer.status)

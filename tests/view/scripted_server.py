@@ -41,6 +41,7 @@ class ScriptedServer:
             Route("/", self._page),
             Route("/admitted", self._admitted),
             Route("/stop", self._stop, methods=["POST"]),
+            Route("/pause", self._pause, methods=["POST"]),
             WebSocketRoute("/stream", self._stream),
             Mount("/static", StaticFiles(directory=STATIC)),
         ]
@@ -53,6 +54,7 @@ class ScriptedServer:
         self.is_silent = False
         self.stop_status = 202
         self.stops: list[dict[str, Any]] = []
+        self.pauses: list[dict[str, Any]] = []
         self.heard: list[dict[str, Any]] = []
 
     @property
@@ -89,6 +91,12 @@ class ScriptedServer:
         if request.headers.get("authorization") != f"Bearer {TOKEN}":
             return Response(status_code=403)
         self.stops.append(await request.json())
+        return Response(status_code=self.stop_status)
+
+    async def _pause(self, request: Request) -> Response:
+        if request.headers.get("authorization") != f"Bearer {TOKEN}":
+            return Response(status_code=403)
+        self.pauses.append(await request.json())
         return Response(status_code=self.stop_status)
 
     async def _stream(self, socket: WebSocket) -> None:

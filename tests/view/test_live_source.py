@@ -435,3 +435,18 @@ def test_progress_learns_how_much_of_the_planned_time_a_stage_needs():
     assert (progress.at(120.0).done, progress.at(120.0).stage) == (at.done, -1)
     progress.end(120.0, is_whole=True)
     assert progress.at(120.0).done == 1.0
+
+
+def test_a_pause_counts_to_no_stage():
+    """Neither to the time that is left, nor to the experience with stages of that kind."""
+    plain = Progress(STAGES)
+    paused = Progress(STAGES)
+    for progress in (plain, paused):
+        progress.begin(0, 100.0)
+    paused.pause(True, 101.0)
+    assert paused.at(101.0) == paused.at(900.0) == plain.at(101.0)
+    paused.pause(False, 901.0)
+    assert paused.at(901.5) == plain.at(101.5)
+    plain.begin(1, 102.0)
+    paused.begin(1, 902.0)
+    assert paused.at(902.5) == plain.at(102.5)

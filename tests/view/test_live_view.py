@@ -5,6 +5,7 @@ what its death costs.
 import os
 import signal
 import socket
+import threading
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,11 +16,13 @@ from rfca_rig.engine.interfaces import StopRequest
 from rfca_rig.engine.run import Supervision, run_plan
 from rfca_rig.errors import BadInput, Stopped
 from rfca_rig.protocol.plan import Flap, MoveShaft, Rest
+from rfca_rig.recording.run_text import events_of
 from rfca_rig.view.run_facts import run_facts
 from rfca_rig.view.run_queue import LiveView
 from tests.engine.rigs import one_condition, recorder_on, twin_rig
-from tests.view.pages import asked_to_stop, got, opened, stream_of
+from tests.view.pages import asked_to_stop, got, opened, posted, stream_of
 from tests.view.test_live_source import drawn
+from tests.waiting import wait_for
 
 RIG = twin_rig()
 
@@ -180,3 +183,33 @@ def test_a_port_that_is_taken_is_one_clear_line(tmp_path):
         port = taken.getsockname()[1]
         with pytest.raises(BadInput, match=f"port {port} is taken"), viewed(bench, plan, port):
             pass
+
+
+@pytest.mark.slow
+def test_a_pause_from_the_page_makes_the_run_wait_until_it_may_go_on(tmp_path):
+    plan = one_condition(RIG, 2)
+    done = []
+    with (
+        recorder_on(RIG, tmp_path / "run") as (bench, recorder, kept),
+        viewed(bench, plan) as (view, supervision, told),
+    ):
+
+        def progress(stage):
+            done.append(stage)
+            if isinstance(stage, Flap) and sum(isinstance(one, Flap) for one in done) == 1:
+                assert posted(view.url, "pause", b'{"how": "pause"}') == 202
+
+        def go_on_when_paused():
+            wait_for(lambda: any(line.startswith("paused") for line in told))
+            confirmed = b'{"how": "continue", "confirmed": "nobody is near the leg"}'
+            assert posted(view.url, "pause", confirmed) == 202
+
+        operator = threading.Thread(target=go_on_when_paused)
+        operator.start()
+        run_plan(plan, bench, recorder, progress, supervision)
+        operator.join()
+        strokes = kept.finish().strokes
+    events = [event["event"] for event in events_of(tmp_path / "run")]
+    assert len(strokes) == 2 and done[-1] is plan.stages[-1]
+    assert events.index("paused") < events.index("pause ends")
+    assert told[-1] == "the pause is over"

@@ -60,6 +60,41 @@ class TestStopping:
         assert shown.page.locator("#stop-now").bounding_box() == before
 
 
+class TestPausing:
+    def test_a_pause_is_sent_and_shown_and_its_end_asked_twice(self, show):
+        shown = show(anew=True)
+        button = shown.page.locator("#pause")
+        expect(button).to_have_text("Pause")
+        button.click()
+        shown.server.say(messages.state(pause="asked"))
+        expect(button).to_have_text("Do not pause")
+        shown.server.say(messages.state(pause="paused"))
+        expect(button).to_have_text("Continue")
+        expect(shown.page.locator("#pause-says")).to_contain_text("keep away")
+        expect(shown.page.locator("#eta")).to_contain_text("paused at 21 %")
+        button.click()
+        expect(button).to_have_text("Yes, continue")
+        assert shown.server.pauses == [{"how": "pause"}]
+        button.click()
+        shown.server.say(messages.state())
+        expect(button).to_have_text("Pause")
+        assert shown.server.pauses[1:] == [
+            {"how": "continue", "confirmed": "nobody is near the leg"}
+        ]
+
+    def test_a_run_that_is_to_stop_cannot_be_paused(self, show):
+        shown = show(anew=True)
+        shown.server.say(messages.state(stop_asked="safe point"))
+        expect(shown.page.locator("#pause")).to_be_disabled()
+
+    def test_a_pause_does_not_move_the_buttons_that_stop(self, show):
+        shown = show(anew=True)
+        before = shown.page.locator("#stop-now").bounding_box()
+        shown.server.say(messages.state(pause="paused"))
+        expect(shown.page.locator("#pause")).to_have_text("Continue")
+        assert shown.page.locator("#stop-now").bounding_box() == before
+
+
 class TestConnection:
     def test_silence_covers_the_picture_until_it_is_heard_again(self, show):
         shown = show(messages.hello(mark="REAL"), anew=True)

@@ -113,3 +113,40 @@ def test_stages_are_known_by_their_place_also_when_the_same_comes_again():
             both.run.beat()
             numbers.append(both.run.source.state()["stage"])
         assert numbers == list(range(len(both.plan.stages)))
+
+
+def test_a_pause_goes_to_the_run_and_its_state_to_the_page():
+    with watched() as both:
+        run = both.run
+        assert run.source.state()["pause"] is None
+        assert run.pause(True) and not run.pause(True)
+        assert not both.stop_request.is_pause_asked
+        both.run_queue.tick(tick(0.002, counts_of(1.0)))
+        assert both.stop_request.is_pause_asked and both.stop_request.level is StopLevel.GO_ON
+        assert run.source.state()["pause"] == "asked"
+        both.run_queue.pause(True)
+        run.beat()
+        assert run.source.state()["pause"] == "paused"
+        assert run.pause(False) and not run.pause(False)
+        both.run_queue.tick(tick(0.004, counts_of(1.0)))
+        assert not both.stop_request.is_pause_asked
+        both.run_queue.pause(False)
+        run.beat()
+        assert run.source.state()["pause"] is None
+        # For the terminal, in the order of what happened.
+        assert [line.split(":")[0] for line in both.told] == [
+            "the view asks for a pause, once the leg is in the air after a stage",
+            "paused",
+            "the view asks to go on",
+            "the pause is over",
+        ]
+
+
+def test_a_stop_goes_before_a_pause_and_is_not_lost_with_it():
+    with watched() as both:
+        both.run.pause(True)
+        both.run.stop("safe point")
+        both.run_queue.tick(tick(0.002, counts_of(1.0)))
+        assert both.stop_request.level is StopLevel.SAFE_POINT and both.stop_request.is_pause_asked
+        # A run that is to stop is not asked to go on.
+        assert not both.run.pause(False)

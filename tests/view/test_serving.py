@@ -18,7 +18,7 @@ from websockets.exceptions import ConnectionClosed
 from rfca_rig.view import server
 from rfca_rig.view.run_queue import url_of
 from rfca_rig.view.server import MOST_PAGES
-from tests.view.pages import asked_to_stop, got, stream_of
+from tests.view.pages import asked_to_stop, got, posted, stream_of
 from tests.waiting import wait_for
 
 TOKEN = "Vr5UP1U5KcYRKtLTgvuAyMsX2-D6plbd"
@@ -30,6 +30,7 @@ class Nothing:
 
     def __init__(self) -> None:
         self.heard: list[object] = []
+        self.pauses: list[bool] = []
 
     def hello(self):
         return {"kind": "hello"}
@@ -45,6 +46,10 @@ class Nothing:
 
     def stop(self, how):
         return {"now": True}[how]
+
+    def pause(self, is_wanted):
+        self.pauses.append(is_wanted)
+        return is_wanted
 
 
 @contextmanager
@@ -158,6 +163,30 @@ def test_paths_out_of_the_folder_and_odd_methods_are_refused(view):
 )
 def test_a_stop_that_makes_no_sense_is_refused(view, body):
     assert asked_to_stop(view[0], body) == 400
+
+
+@pytest.mark.parametrize(
+    ("body", "status"),
+    [
+        (b'{"how": "pause"}', 202),
+        # Nothing is paused that could go on.
+        (b'{"how": "continue", "confirmed": "nobody is near the leg"}', 409),
+        (b'{"how": "continue"}', 400),
+        (b'{"how": "continue", "confirmed": true}', 400),
+        (b'{"how": "later"}', 400),
+        (b'{"how": ["pause"]}', 400),
+        (b"[" * 900, 400),
+    ],
+)
+def test_a_pause_is_asked_for_plainly_and_its_end_with_a_confirmation(view, body, status):
+    before = len(view[1].pauses)
+    assert posted(view[0], "pause", body) == status
+    assert len(view[1].pauses) == before + (status != 400)
+
+
+def test_a_pause_without_the_token_is_refused(view):
+    assert posted(view[0], "pause", b'{"how": "pause"}', Authorization="Bearer wrong") == 403
+    assert posted(view[0], "pause", b'{"how": "pause"}', Origin="http://elsewhere.com") == 403
 
 
 def test_an_endless_body_is_cut_off(view):

@@ -7,6 +7,7 @@ import { duration, element, percent } from "./format.js";
 import { Health } from "./health.js";
 import { LegPicture } from "./leg.js";
 import { Limits } from "./limits.js";
+import { Pausing } from "./pausing.js";
 import { Replay } from "./replay.js";
 import { StageList } from "./stages.js";
 import { Stopping } from "./stopping.js";
@@ -20,8 +21,9 @@ const alerts = new Alerts();
 const traces = new Traces(connection);
 const picture = new LegPicture();
 const stopping = new Stopping(connection);
+const pausing = new Pausing(connection);
 const replay = new Replay(connection);
-const parts = [new StageList(), new Limits(), new Health(), picture, stopping, replay, alerts];
+const parts = [new StageList(), new Limits(), new Health(), picture, stopping, pausing, replay, alerts];
 const shown = { hello: null, buckets: null, state: null, leg: null, isNew: false };
 
 function hello(message) {
@@ -82,7 +84,8 @@ function showProgress({ done, ended, eta_s: etaS, now_s: nowS }) {
   element("done").value = done;
   const left = etaS === null ? "" : `, ${duration(etaS)} to go`;
   const cutShort = ended !== null && ended !== "done" ? "cut short at " : "";
-  const live = `${cutShort}${percent(done)} after ${duration(nowS)}${left}`;
+  const paused = shown.state?.pause === "paused" ? "paused at " : "";
+  const live = `${paused}${cutShort}${percent(done)} after ${duration(nowS)}${left}`;
   element("eta").textContent = shown.hello.mode === "live" ? live : percent(done);
 }
 
@@ -104,6 +107,7 @@ function checked(status, silentMs) {
 function titleFor(status) {
   if (["lost", "refused", "full"].includes(status)) return alerts.isEnded ? `ended – ${shown.hello?.title ?? ""}` : "CONNECTION LOST";
   if (shown.state?.trip) return `TRIP ${shown.state.trip.code}`;
+  if (shown.state?.pause === "paused") return `PAUSED – ${shown.hello.title}`;
   return shown.hello ? `${shown.hello.mark} ${percent(shown.state?.done ?? 0)} ${shown.hello.title}` : "rfca-rig";
 }
 
