@@ -86,6 +86,7 @@ def run_with(folder, then=None, repeats=2):
         return kept.finish(), events_of(folder), observer, done
 
 
+@pytest.mark.slow
 def test_a_recording_with_a_pause_is_that_without_one_but_for_the_times(tmp_path):
     plain, _, _, _ = run_with(tmp_path / "plain")
     paused, events, observer, done = run_with(tmp_path / "paused", go_on)
@@ -97,18 +98,19 @@ def test_a_recording_with_a_pause_is_that_without_one_but_for_the_times(tmp_path
     assert len(plain.strokes) == len(paused.strokes) == 2
     for stroke, same in zip(plain.strokes, paused.strokes, strict=True):
         for name in ("fy_N", "fz_N", "tx_Nm", "shaft_angle_rad"):
-            (t_s, values), (same_t_s, same_values) = stroke.channel(name), same.channel(name)
+            t_s, values = stroke.channel(name)
+            same_t_s, same_values = same.channel(name)
             # Datagrams of 40 records: a recording may begin or end with another one.
             common = (t_s >= same_t_s[0]) & (t_s <= same_t_s[-1])
             assert common.sum() > len(t_s) - 80
             interpolated = np.interp(t_s[common], same_t_s, same_values)
-            # The leg has hung longer and swings less when the second stroke begins. In forces that
-            # is less than the noise of the sensor, 0.15 N.
+            # The leg has hung longer and swings less when the second stroke begins: 0.11 N in fz.
             small = 0.002 * np.ptp(values)
             np.testing.assert_allclose(interpolated, values[common], rtol=0.0, atol=small)
     # Nothing differs before the pause.
-    first, same = plain.strokes[0].channel("fz_N")[1], paused.strokes[0].channel("fz_N")[1]
-    np.testing.assert_array_equal(first, same)
+    _, first_N = plain.strokes[0].channel("fz_N")
+    _, same_N = paused.strokes[0].channel("fz_N")
+    np.testing.assert_array_equal(first_N, same_N)
     assert [stage.label for stage in done] == [stage.label for stage in one_condition_stages()]
 
 
@@ -116,6 +118,7 @@ def one_condition_stages():
     return one_condition(with_little_noise(), 2).stages
 
 
+@pytest.mark.slow
 def test_the_shaft_is_held_in_the_air_and_the_drive_fed(tmp_path):
     _, _, observer, done = run_with(tmp_path / "run", go_on)
     angles_rad = np.concatenate([tick.shaft.angle_rad for tick in observer.ticks])
@@ -129,6 +132,7 @@ def test_the_shaft_is_held_in_the_air_and_the_drive_fed(tmp_path):
     assert isinstance(done[-1], MoveShaft)
 
 
+@pytest.mark.slow
 def test_a_limit_trips_in_a_pause_as_ever(tmp_path):
     def hit(stop_request):
         del stop_request
@@ -138,6 +142,7 @@ def test_a_limit_trips_in_a_pause_as_ever(tmp_path):
         run_with(tmp_path / "run", hit)
 
 
+@pytest.mark.slow
 def test_the_sensor_that_falls_silent_in_a_pause_trips(tmp_path):
     rig = with_little_noise()
     stop_request = StopRequest()
@@ -149,6 +154,7 @@ def test_the_sensor_that_falls_silent_in_a_pause_trips(tmp_path):
     assert error.value.code is Trip.SENSOR_SILENT
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [StopLevel.SAFE_POINT, StopLevel.TORQUE_OFF])
 def test_a_stop_ends_a_pause(tmp_path, level):
     with pytest.raises(Stopped, match="enough"):
@@ -169,6 +175,7 @@ def test_it_never_waits_on_the_ground_and_not_before_the_rack_was_set():
     assert may_pause([rack, home, flap, home, down], rack)
 
 
+@pytest.mark.slow
 def test_motion_stops_with_the_pause(tmp_path):
     """The bus carries commands of one angle only."""
     rig = with_little_noise()
