@@ -132,10 +132,9 @@ class ListeningBench:
         return rows
 
     def begin(self, recorder: Recorder) -> None:
-        """Begins the stage of the recording."""
+        """Begins the stage of the recording, with frames that arrive from now on."""
         if self.tap is not None:
-            # Frames from before belong to no stage.
-            self.tap.take()
+            self.tap.discard()
         recorder.begin_listening(LISTENING, self.forms)
 
 

@@ -141,9 +141,10 @@ def _record(
     say(f"listening, the motor stays as it is; ^C ends the recording in {folder}")
     with _end_on_signals(stop_request, say):
         recorder.note("run begins", title=LISTENING, source=listening.source)
-        listening.begin(recorder)
         try:
-            listen(bench, duration_s, take, stop_request, helpers)
+            listen(
+                bench, duration_s, lambda: listening.begin(recorder), take, stop_request, helpers
+            )
         except RigError as error:
             failure = error
         why = stop_request.why or "done"

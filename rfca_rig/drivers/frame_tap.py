@@ -60,6 +60,15 @@ class FrameTap(can.BusABC):
         self._passed = []
         return passed
 
+    def discard(self) -> None:
+        """Drops what has passed, and what waits in the bus: of frames that piled up while nobody
+        read, some may be missing.
+        """
+        while self._bus.recv(timeout=0) is not None:
+            pass
+        self._empty_s = self._clock.now_s()
+        self._passed = []
+
     def shutdown(self) -> None:
         super().shutdown()
         self._bus.shutdown()

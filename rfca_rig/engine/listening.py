@@ -17,6 +17,7 @@ Take = Callable[[ShaftSamples, ForceSamples], None]
 def listen(
     bench: Bench,
     duration_s: float,
+    begin: Callable[[], None],
     take: Take,
     stop_request: StopRequest | None = None,
     helpers: HelperWatch | None = None,
@@ -29,6 +30,8 @@ def listen(
         The devices. The sensor streams meanwhile, and is stopped afterwards in every case.
     duration_s
         Time in s.
+    begin
+        Called when the sensor streams, before anything is read.
     take
         Receives what the devices reported in each period; what it raises ends the listening.
     stop_request
@@ -47,6 +50,7 @@ def listen(
     motor = bench.motor
     bench.sensor.start()
     try:
+        begin()
         now_s = clock.now_s()
         until_s = now_s + duration_s
         while now_s < until_s and not stop_request.level:

@@ -72,15 +72,25 @@ def tapped_twin(monkeypatch) -> Iterator[list[FrameTap]]:
         tap.shutdown()
 
 
+def begin(listening, recorder, tap) -> None:
+    listening.begin(recorder)
+    # Counted from here on at the twin's end, too.
+    tap.take()
+
+
+def nothing() -> None:
+    """Nobody is told of the beginning."""
+
+
 def listen_to(folder: Path, motor: str, monkeypatch, duration_s=1.0) -> Listened:
     rig = read_rig(written(folder, motor))
     kept = Kept(folder / "run", Recording("a run", "SIM", {}, {}, (), ()))
     with tapped_twin(monkeypatch) as taps, open_listening_bench(rig, 1) as listening:
         recorder = Recorder(kept.keeper, listening.bench.sensor.scale(), listening.bench.clock)
-        listening.begin(recorder)
         listen(
             listening.bench,
             duration_s,
+            lambda: begin(listening, recorder, taps[0]),
             lambda shaft, force: recorder.take_rows(listening.make_rows(shaft, force)),
         )
         recorder.end_listening("listening")
@@ -127,19 +137,20 @@ def test_every_report_of_a_drive_that_reports_by_itself_becomes_a_sample(tmp_pat
     assert len(listened.stage.streams["shaft"].t_s) == len(listened.sent)
 
 
-def test_a_drive_in_mit_mode_is_not_asked_where_others_use_the_bus(tmp_path, monkeypatch):
+def test_a_drive_in_mit_mode_is_not_asked_where_others_use_the_bus(tmp_path):
     """EXIT would disable a motor that another program runs."""
-    make_twin = factory._make_motor_twin
     foreign = can.Message(arbitration_id=0x123, data=b"\1\2", is_extended_id=False)
-
-    def make(rig, drive, bus):
-        bus.send(foreign)
-        return make_twin(rig, drive, bus)
-
-    monkeypatch.setattr(factory, "_make_motor_twin", make)
-    listened = listen_to(tmp_path, MIT, monkeypatch)
-    assert listened.received == []
-    assert listened.stage.streams["can"].columns["identifier"].raw.tolist() == [0x123]
+    frames = []
+    with open_listening_bench(read_rig(written(tmp_path, MIT)), 1) as listening:
+        # As if it came from another node.
+        listening.tap._bus._arrived.append(foreign)
+        listen(
+            listening.bench,
+            1.0,
+            nothing,
+            lambda shaft, force: frames.extend(listening.make_rows(shaft, force)[-1].tolist()),
+        )
+    assert [frame[0] for frame in frames] == [0x123]
 
 
 def test_a_stop_request_ends_it_with_the_period(tmp_path):
@@ -152,7 +163,7 @@ def test_a_stop_request_ends_it_with_the_period(tmp_path):
             stop_request.ask(StopLevel.SAFE_POINT, "enough")
 
     with open_listening_bench(twin_rig(), 1) as listening:
-        listen(listening.bench, 60.0, take, stop_request)
+        listen(listening.bench, 60.0, nothing, take, stop_request)
     assert len(calls) == 3
 
 
@@ -163,7 +174,7 @@ def test_the_sensor_is_stopped_whatever_happens(tmp_path):
             raise DeviceError("broken")
 
         with pytest.raises(DeviceError, match="broken"):
-            listen(listening.bench, 1.0, fail)
+            listen(listening.bench, 1.0, nothing, fail)
         clock = listening.bench.clock
         listening.bench.sensor.read()
         clock.wait_until(clock.now_s() + 0.1)
@@ -202,11 +213,15 @@ def test_a_file_with_a_motor_alone_is_enough_and_frames_of_all_nodes_are_kept(tm
         can.Bus(interface="virtual", channel=str(tmp_path)) as other,
     ):
         assert [form.name for form in listening.forms] == ["shaft", "can"]
-        for message in sent:
-            other.send(message)
+
+        def send() -> None:
+            for message in sent:
+                other.send(message)
+
         listen(
             listening.bench,
             0.01,
+            send,
             lambda shaft, force: rows.append(listening.make_rows(shaft, force)[-1]),
         )
         # The drive's own bus got nothing.
