@@ -80,6 +80,8 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ("setup", "zero", "--rig", "calibration/twin.toml", "--yes"),
     ("export", "mcap", "{run}", "--out", "run.mcap"),
     ("export", "csv", "{run}", "--out", "run-csv"),
+    ("record", "--seconds", "0.1", "--pace", "0", "--out", "listened"),
+    ("export", "can", "listened", "--out", "bus.log"),
     ("export", "mjcf", "small-campaign", "--out", "mjcf"),
     ("import", "small-campaign", "--out", "imported"),
     ("reference", "set", "{run}"),
