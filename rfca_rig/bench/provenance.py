@@ -183,14 +183,20 @@ def streams(bench: Bench) -> dict[str, str]:
     return {"sensor_records": f"{counted}, {bad}"}
 
 
-def ending_fields(bench: Bench, outcome: Outcome, gaps: GapCounter) -> dict[str, str]:
-    """How the run ended, what the clocks showed then, and how regular the control loop was."""
+def loop_fields(gaps: GapCounter) -> dict[str, str]:
+    """How regular the control loop was."""
+    return {
+        "worst_loop_gap_ms": f"{1e3 * gaps.longest_s:.3f}",
+        "loop_gaps_ms": gaps.histogram().text(),
+    }
+
+
+def ending_fields(bench: Bench, outcome: Outcome) -> dict[str, str]:
+    """How the run ended, and what the clocks showed then."""
     return {
         "ended": outcome.why,
         "exit_status": str(outcome.exit_status),
         "reason": outcome.reason,
         "ended_at": bench.clock.wall_time().isoformat(),
         "lasted_s": f"{bench.clock.now_s():.6f}",
-        "worst_loop_gap_ms": f"{1e3 * gaps.longest_s:.3f}",
-        "loop_gaps_ms": gaps.histogram().text(),
     }

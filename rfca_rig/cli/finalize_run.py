@@ -188,7 +188,8 @@ def finish(config: RunConfig, run: FinishedRun, quiet: bool = False) -> None:
 def _put_together(config: RunConfig, run: FinishedRun, report_progress: ProgressCount) -> None:
     recorder = run.recorder
     known = {
-        **provenance.ending_fields(run.bench, run.outcome, recorder.gaps),
+        **provenance.ending_fields(run.bench, run.outcome),
+        **provenance.loop_fields(recorder.gaps),
         "ended_in_stage": recorder.where,
         "standstill": recorder.standstill.text(),
         "tare_drift": recorder.tare_drift(),

@@ -173,13 +173,11 @@ def _finish(
     # A recording that the operator has ended is done: its length was his choice.
     outcome = Outcome.of(failure)
     known = {
-        **provenance.ending_fields(bench, outcome, 0.0),
+        **provenance.ending_fields(bench, outcome),
         **provenance.devices(bench),
         **provenance.streams(bench),
         "recorder_samples": f"{recorder.samples} handed over, {recorder.refused} refused",
     }
-    # There is no control loop whose gaps could matter.
-    del known["worst_loop_gap_ms"]
     write_ending(folder, Ending(known, ()))
     run_folder.build_recording(folder)
 
