@@ -6,6 +6,7 @@ The make of a device is asked of the registry (`devices`).
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import can
 import numpy as np
@@ -23,6 +24,7 @@ from rfca_rig.bench.sensors import (
 from rfca_rig.clock import Clock, TwinClock, WallClock
 from rfca_rig.description.rig_file import RigFile, TwinDriveSection, TwinSection
 from rfca_rig.devices import USUAL_WATCHDOG_S, find_motor, load_object
+from rfca_rig.devices.drive_setup import DriveNeeds
 from rfca_rig.devices.sections import MotorKeys, OwnMotorSection
 from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.guard import TorqueOffFrames
@@ -103,7 +105,54 @@ def make_motor(rig: RigFile, bus: can.BusABC, clock: Clock) -> ShaftMotor:
     return find_motor(motor.device).make_driver(motor, bus, clock, rig.limits.drive_silent_ms / 1e3)
 
 
-def _make_motor_twin(rig: RigFile, drive: TwinDriveSection, bus: can.BusABC) -> MotorTwin:
+def list_drive_needs(rig: RigFile, maker_file: Path | None = None) -> DriveNeeds:
+    """What the rig file asks of the settings of its drive."""
+    late_s = 1e-3 * rig.limits.late_ms
+    # The loop is stopped at half the drive's watchdog.
+    return DriveNeeds(
+        rig.limits.speed_rad_s, rig.limits.torque_Nm, 2.0 * late_s, late_s, maker_file
+    )
+
+
+@contextmanager
+def open_setup_bus(rig: RigFile) -> Iterator[tuple[can.BusABC, Clock]]:
+    """The bus of the drive and its clock, to set it up, for the length of the block. No guardian
+    holds it, as nothing is enabled. The drive of a twin rig is a new one.
+
+    Raises DeviceError where the bus cannot be opened.
+    """
+    with ExitStack() as stack:
+        if rig.is_real:
+            motor = rig.motor
+            try:
+                bus = stack.enter_context(motor.open())
+            # python-can raises any of these, depending on the interface.
+            except (can.CanError, OSError, ValueError) as error:
+                raise DeviceError(_describe_closed_bus(rig, error)) from error
+            yield bus, WallClock()
+        elif rig.twin is not None:
+            drivers_end, twins_end = stack.enter_context(can_wire())
+            clock = TwinClock()
+            panel = FaultInjection(rig, ()).panel
+            noise, generator = _randomness(0)
+            pair = make_sensor_pair(rig, sensor_twin_maker(rig, rig.twin, noise), panel)
+            twins = _put_together(
+                rig, rig.twin, generator, twins_end, pair.twin, panel, has_new_drive=True
+            )
+            clock.carry(twins.world.process)
+            yield drivers_end, clock
+
+
+def _describe_closed_bus(rig: RigFile, error: Exception) -> str:
+    return (
+        f"CAN bus {rig.motor.interface} {rig.motor.channel} cannot be opened: {error}; check "
+        "[motor] in the rig file, rfca-rig doctor --rig FILE says more"
+    )
+
+
+def _make_motor_twin(
+    rig: RigFile, drive: TwinDriveSection, bus: can.BusABC, is_new: bool
+) -> MotorTwin:
     """The twin of the drive that [motor] names, on its end of the bus."""
     make = find_motor(rig.motor.device)
     gains = LoopGains(
@@ -112,6 +161,10 @@ def _make_motor_twin(rig: RigFile, drive: TwinDriveSection, bus: can.BusABC) -> 
         angle_gain_per_s=drive.angle_gain_per_s,
         torque_limit_Nm=drive.torque_limit_Nm,
     )
+    if is_new:
+        new_twin = make.make_new_twin(rig.motor, bus, gains)
+        if new_twin is not None:
+            return new_twin
     watchdog_s = None
     # A drive that a guardian can switch off has no watchdog of its own.
     if make.torque_off is None:
@@ -172,16 +225,11 @@ def open_bench(
 
 def _real_bench(rig: RigFile, eye: PhotoSetup | None, stack: ExitStack) -> Bench:
     clock = WallClock()
-    motor = rig.motor
     try:
         bus = stack.enter_context(open_commanding_bus(rig, clock))
     # python-can raises any of these, depending on the interface.
     except (can.CanError, OSError, ValueError) as error:
-        raise DeviceError(
-            f"CAN bus {motor.interface} {motor.channel} cannot be opened: {error}; check "
-            "[motor] in the rig file, "
-            "rfca-rig doctor --rig FILE says more"
-        ) from error
+        raise DeviceError(_describe_closed_bus(rig, error)) from error
     if rig.camera and eye:
         camera = make_camera(rig.camera, eye, clock, stack)
     else:
@@ -257,14 +305,15 @@ def make_twins(
     bus: can.BusABC,
     put_on_ports: Callable[[TwinMaker], SensorTwin],
     panel: FaultPanel,
+    has_new_drive: bool = False,
 ) -> Twins:
     """The twins of a rig on their ends of the wires; `put_on_ports` makes the sensor's on its
     wire. `seed` decides all their randomness, `panel` switches the faults of the sensor's mounting.
+    A new drive is as it leaves its maker.
     """
     noise, generator = _randomness(seed)
-    return _put_together(
-        rig, twin, generator, bus, put_on_ports(sensor_twin_maker(rig, twin, noise)), panel
-    )
+    sensor = put_on_ports(sensor_twin_maker(rig, twin, noise))
+    return _put_together(rig, twin, generator, bus, sensor, panel, has_new_drive)
 
 
 def _randomness(seed: int) -> tuple[np.random.Generator, np.random.Generator]:
@@ -279,9 +328,10 @@ def _put_together(
     bus: can.BusABC,
     sensor: SensorTwin,
     panel: FaultPanel | None,
+    has_new_drive: bool = False,
 ) -> Twins:
     plant = _plant(rig, twin, generator)
-    motor = _make_motor_twin(rig, twin.drive, bus)
+    motor = _make_motor_twin(rig, twin.drive, bus, has_new_drive)
     load = SimulatedLoad()
     sensor = mount_twin(sensor, rig.sensor.mounting, panel, load)
     return Twins(plant, motor, sensor, TwinWorld(plant, motor, sensor), load)

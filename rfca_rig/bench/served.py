@@ -4,6 +4,7 @@ thread.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from functools import partial
 
 from rfca_rig.bench.factory import make_twins
 from rfca_rig.bench.fault_injection import drive_faults_of, faults_of_served_rig
@@ -18,6 +19,7 @@ from rfca_rig.twin_server.faults import (
     FaultPanel,
     FaultSchedule,
     TamperedBus,
+    refuse_line,
 )
 from rfca_rig.twin_server.open_ports import Openings, OpenPorts, Port
 
@@ -158,7 +160,7 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
             reached.add(fdcanusb, fdcanusb=fdcanusb.path)
         bus = TamperedBus(wire.join(), panel, drive_faults_of(rig).dialect)
         stack.callback(bus.shutdown)
-        twins = make_twins(rig, rig.twin, seed, bus, put_on_ports, panel)
+        twins = make_twins(rig, rig.twin, seed, bus, put_on_ports, panel, openings.has_new_drive)
         twins.plant.set_height(openings.height_m)
         # The first step may take seconds to compile the model; clients never wait for it.
         twins.world.process(WARM_UP_S)
@@ -172,6 +174,8 @@ def open_served(rig: RigFile, seed: int, openings: Openings, clock: Clock) -> It
             twins.plant.set_height,
             loop.status,
             lambda force_N, lever_m: twins.load.push(force_N, below_m, lever_m),
+            getattr(twins.motor, "type_line", refuse_line),
+            partial(setattr, twins.world, "held_rad"),
         )
         reached.add(control, control_port=control.port)
         yield ServedRig(drive_faults_of(rig).events(twins.motor), panel, loop, reached)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from rfca_rig.clock import Clock
+    from rfca_rig.devices.drive_setup import DriveNeeds, DriveSetup
     from rfca_rig.drivers.roles import ForceSensor, ShaftMotor
     from rfca_rig.twin_server.open_ports import SensorWire
     from rfca_rig.twins.drive_parts import LoopGains
@@ -74,8 +75,11 @@ class MotorMake:
         For a drive without a watchdog: (keys, silent_s) -> TorqueOffFrames, which the guardian
         sends.
     setup
-        Reads and writes the settings of the drive: (keys, bus, clock) -> `drive_setup.DriveSetup`.
-        Without it, `rfca-rig setup motor` refuses the make.
+        Reads and writes the settings of the drive: (keys, bus, clock, needs) ->
+        `drive_setup.DriveSetup`. Without it, `rfca-rig setup motor` refuses the make.
+    new_twin
+        Makes the simulated drive as it leaves its maker: (bus, keys, gains) -> MotorTwin. Without
+        it, a new drive begins with what the rig file needs.
     watchdog_key
         The key in milliseconds that states the drive's watchdog, where the rig file has one.
     number
@@ -94,6 +98,7 @@ class MotorMake:
     faults: str | None = None
     torque_off: str | None = None
     setup: str | None = None
+    new_twin: str | None = None
     watchdog_key: str | None = None
     number: tuple[str, int] = ("drive_id", 1)
     usual: Mapping[str, Any] = field(default_factory=dict)
@@ -116,6 +121,22 @@ class MotorMake:
         """The simulated drive on its end of the bus; `watchdog_s` None: without a watchdog."""
         twin: MotorTwin = load_object(self.twin)(bus, keys, gains, watchdog_s)
         return twin
+
+    def make_new_twin(self, keys: Any, bus: "can.BusABC", gains: "LoopGains") -> "MotorTwin | None":
+        """The simulated drive as it leaves its maker; None where the make has none."""
+        if self.new_twin is None:
+            return None
+        twin: MotorTwin = load_object(self.new_twin)(bus, keys, gains)
+        return twin
+
+    def make_setup(
+        self, keys: Any, bus: "can.BusABC", clock: "Clock", needs: "DriveNeeds"
+    ) -> "DriveSetup | None":
+        """Reads and writes the settings of the drive on that bus; None where the make has none."""
+        if self.setup is None:
+            return None
+        setup: DriveSetup = load_object(self.setup)(keys, bus, clock, needs)
+        return setup
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,35 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import isnan
+from pathlib import Path
+
+# Unit of a setting that is switched on (1) or off (0).
+ON_OFF = "on/off"
+# Drives keep numbers of 32 bits.
+RELATIVE_TOLERANCE = 1e-6
+
+
+@dataclass(frozen=True)
+class DriveNeeds:
+    """What a rig file asks of any drive, in SI units at the shaft.
+
+    Parameters
+    ----------
+    speed_rad_s, torque_Nm
+        The rig's limits of the shaft's speed and of the moment on the sensor.
+    watchdog_s
+        Time without a command after which the drive is to remove its torque.
+    late_s
+        Largest delay of the control loop; a shorter watchdog would end healthy runs.
+    maker_file
+        A file of the drive's maker that describes this firmware, where the user has one.
+    """
+
+    speed_rad_s: float
+    torque_Nm: float
+    watchdog_s: float
+    late_s: float
+    maker_file: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -23,9 +52,11 @@ class Setting:
     actual
         The value in the drive; None where this wire does not tell it.
     unit
-        Of both values; "" for a plain number.
+        Of both values; "" for a plain number, `ON_OFF` for a switch.
     can_write
         Whether it can be written over this wire.
+    least, most
+        Values from `least` to `most` do as well as `wanted`. Without them only `wanted` does.
     """
 
     name: str
@@ -34,6 +65,8 @@ class Setting:
     actual: float | None
     unit: str = ""
     can_write: bool = True
+    least: float | None = None
+    most: float | None = None
 
     @property
     def is_wrong(self) -> bool:
@@ -43,16 +76,29 @@ class Setting:
         # NaN is what some drives have for "none".
         if isnan(self.wanted) or isnan(self.actual):
             return isnan(self.wanted) != isnan(self.actual)
-        # Drives keep numbers of 32 bits.
-        return abs(self.actual - self.wanted) > 1e-6 * max(abs(self.wanted), 1.0)
+        tolerance = RELATIVE_TOLERANCE * max(abs(self.wanted), 1.0)
+        least = self.wanted if self.least is None else self.least
+        most = self.wanted if self.most is None else self.most
+        return not least - tolerance <= self.actual <= most + tolerance
 
 
 class DriveSetup(ABC):
     """The settings of one drive, on an open bus. Nothing moves, and the motor is off."""
 
     @abstractmethod
+    def list_wanted(self) -> tuple[Setting, ...]:
+        """All settings that matter, with what the rig file needs. Nothing is sent or read."""
+
+    @abstractmethod
     def read(self) -> tuple[Setting, ...]:
-        """All settings that matter, with what the drive has now. Raises DeviceError."""
+        """The same settings with what the drive has now.
+
+        Raises DeviceError where no drive answers, or a drive whose motor is on.
+        """
+
+    def describe(self) -> tuple[str, ...]:
+        """What the last `read` found on the bus, in lines: the drive, and other drives."""
+        return ()
 
     @abstractmethod
     def write(self, settings: Sequence[Setting]) -> None:

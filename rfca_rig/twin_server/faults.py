@@ -10,7 +10,7 @@ TCP port of the running server, which is always on the loopback address only.
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from math import isfinite
+from math import isfinite, radians
 from typing import Any
 
 import can
@@ -25,7 +25,10 @@ LONGEST_LINE = 1024
 LARGEST_PUSH = 1000.0
 # Heating rate of the fault `drive-hot` in K/s.
 HEATING_K_s = 5.0
-VERBS = "on NAME, off NAME, off all, faults, status, height MM, push FX FY FZ [LEVER_MM]"
+VERBS = (
+    "on NAME, off NAME, off all, faults, status, height MM, hold DEG, let go, "
+    "push FX FY FZ [LEVER_MM], tool LINE"
+)
 
 
 @dataclass(frozen=True)
@@ -192,11 +195,18 @@ class _Connection:
     rest: bytes = b""
 
 
+def refuse_line(line: str) -> str:  # noqa: ARG001 (whatever it says)
+    """For a drive whose twin has no tool of its maker."""
+    raise BadInput("the twin of this drive has no tool of its maker")
+
+
 class ControlPort:
     """Answers each line with one or more lines, the last of which begins with `ok` or `error`.
 
     `set_height` takes metres; `status` returns the server's state in one line. `push` takes the
     force in N of a hand along the rig's axes, and in metres how far from the shaft along y it acts.
+    `type_line` takes a line of the drive's own tool, and returns what it prints. `hold` takes the
+    angle in rad at which a hand holds the shaft, None to let it go.
     """
 
     def __init__(
@@ -206,9 +216,13 @@ class ControlPort:
         set_height: Callable[[float], None],
         status: Callable[[], str],
         push: Callable[[tuple[float, float, float], float], None] | None = None,
+        type_line: Callable[[str], str] = refuse_line,
+        hold: Callable[[float | None], None] = lambda _: None,
     ) -> None:
         self._panel = panel
         self._push = push
+        self._type_line = type_line
+        self._hold = hold
         self._set_height = set_height
         self._status = status
         # Faults and heights are for the local user, even if the device ports are open to the
@@ -271,14 +285,26 @@ class ControlPort:
                 return self._panel.lines()
             case ["status"]:
                 return [self._status()]
+            case ["tool", *line]:
+                return [self._type_line(" ".join(line))]
+            case _:
+                self._move(words)
+        return []
+
+    def _move(self, words: list[str]) -> None:
+        """What is done to the rig by hand."""
+        match words:
             case ["height", height_mm]:
                 self._set_height(_height_m(height_mm))
             case ["push", *numbers] if self._push is not None and len(numbers) in {3, 4}:
                 fx, fy, fz, *lever_mm = _read_push(numbers)
                 self._push((fx, fy, fz), sum(lever_mm) / 1e3)
+            case ["hold", angle_deg]:
+                self._hold(radians(_angle_deg(angle_deg)))
+            case ["let", "go"]:
+                self._hold(None)
             case _:
                 raise BadInput(f"cannot read {' '.join(words)[:60]!r}; the commands are {VERBS}")
-        return []
 
     def close(self) -> None:
         for connection in self._connections:
@@ -308,6 +334,16 @@ def _height_m(height_mm: str) -> float:
     if not 0.0 < height < 1000.0:
         raise BadInput(f"height {height_mm[:20]} is not one in millimetres, above 0 and below 1000")
     return 1e-3 * height
+
+
+def _angle_deg(text: str) -> float:
+    try:
+        angle_deg = float(text)
+    except ValueError:
+        angle_deg = float("nan")
+    if not abs(angle_deg) <= 180.0:
+        raise BadInput(f"{text[:20]} is no angle in degrees, from -180 to 180")
+    return angle_deg
 
 
 def drive_events(motor: DriveTwin) -> Mapping[str, Callable[[], None]]:

@@ -36,7 +36,10 @@ class Port(Protocol):
 
 @dataclass(frozen=True)
 class Openings:
-    """Requested ports; 0 is any that is free. `control_port` is always on this machine only."""
+    """Requested ports; 0 is any that is free. `control_port` is always on this machine only.
+
+    `has_new_drive`: the drive is as it leaves its maker.
+    """
 
     host: str = LOOPBACK
     rdt_port: int = 0
@@ -46,6 +49,7 @@ class Openings:
     control_port: int = 0
     slcan: bool = False
     height_m: float = 0.25
+    has_new_drive: bool = False
 
 
 class OpenPorts:

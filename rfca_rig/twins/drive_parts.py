@@ -119,7 +119,9 @@ class DriveTwin(ABC):
 
     @abstractmethod
     def restart(self) -> None:
-        """Power cycle: no torque, no error; the encoder reads what `zero_policy` leaves of it."""
+        """Power cycle: no torque, no error, the settings that were saved, and of the encoder's
+        reading what `zero_policy` leaves of it.
+        """
 
     @abstractmethod
     def stale_set_point(self) -> Sequence[can.Message]:

@@ -223,6 +223,10 @@ class SampleGrid:
         """Number of the last time returned."""
         return self._taken
 
+    def skip_to(self, now_s: float) -> None:
+        """Leaves out all times up to `now_s`, for a grid that begins there."""
+        self.count_until(now_s)
+
     def until(self, to_s: float) -> Floats:
         """Times (m,) in s not yet returned, none later than `to_s`."""
         first = self._taken + 1

@@ -47,6 +47,9 @@ class ShaftDrive(NamedTuple):
         )
 
 
+NO_TORQUE = ShaftDrive()
+
+
 class ShaftState(NamedTuple):
     """Present state of the shaft, and the motor's torque on it."""
 
@@ -115,6 +118,20 @@ class MotorTwin(Protocol):
         ...
 
 
+# A hand gives way by a tenth of a degree under the leg's weight. It brings the leg there within a
+# second, and without a jerk.
+HAND_GAIN_Nm_per_rad = 500.0
+HAND_DAMPING_Nm_s_per_rad = 100.0
+HAND_LIMIT_Nm = 5.0
+
+
+def hold(shaft: ShaftState, at_rad: float) -> ShaftDrive:
+    """The law of a hand that holds the shaft at an angle."""
+    law = ShaftDrive(0.0, HAND_GAIN_Nm_per_rad, at_rad, HAND_DAMPING_Nm_s_per_rad, 0.0)
+    torque_Nm = abs(law.torque_Nm(shaft.angle_rad, shaft.speed_rad_s))
+    return law.scale(min(1.0, HAND_LIMIT_Nm / max(torque_Nm, HAND_LIMIT_Nm)))
+
+
 def interpolate_motion(
     due_s: Sequence[float], elapsed_s: float, now_s: float, before: ShaftState, after: ShaftState
 ) -> Iterator[tuple[float, float]]:
@@ -143,6 +160,9 @@ class TwinWorld:
     Steps are at most `longest_step_s` long, or five times that while the shaft is at rest.
     Integrator, torque limit and watchdog of the drive are updated once per step. Encoder reports
     within a step lie on a cubic between its ends; force samples come from the plant.
+
+    `held_rad` is the angle at which a hand holds the shaft while the motor has no torque; None: it
+    is let go.
     """
 
     def __init__(
@@ -157,6 +177,8 @@ class TwinWorld:
         self._sensor = sensor
         self._longest_step_s = longest_step_s
         self._now_s = 0.0
+        self._is_held = False
+        self.held_rad: float | None = None
 
     def process(self, to_s: float) -> None:
         """Advances everything to `to_s`."""
@@ -176,8 +198,21 @@ class TwinWorld:
         # the reports.
         self._motor.take_frames(self._now_s)
         self._sensor.take_requests()
-        before = self._plant.shaft()
+        before = self._motor_s_share(self._plant.shaft())
         law = self._motor.drive(before)
-        self._sensor.take_wrench(self._plant.advance(to_s, law, self._sensor.due(to_s)))
-        self._motor.advance(to_s - self._now_s, to_s, before, self._plant.shaft(), law)
+        on_shaft = law
+        self._is_held = self.held_rad is not None and law == NO_TORQUE
+        if self.held_rad is not None and self._is_held:
+            on_shaft = hold(before, self.held_rad)
+        self._sensor.take_wrench(self._plant.advance(to_s, on_shaft, self._sensor.due(to_s)))
+        after = self._motor_s_share(self._plant.shaft())
+        self._motor.advance(to_s - self._now_s, to_s, before, after, law)
         self._now_s = to_s
+
+    def _motor_s_share(self, shaft: ShaftState) -> ShaftState:
+        """The state with the motor's torque: that of a hand passes beside it, is not reported, and
+        warms nothing.
+        """
+        if self._is_held:
+            return shaft._replace(torque_Nm=0.0)
+        return shaft

@@ -1126,6 +1126,8 @@ ARGUMENTS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("contract @", PATHS),
     ("doctor --rig @", PATHS),
     ("doctor --runs @", OUTPUTS),
+    ("setup motor --rig @", PATHS),
+    ("setup motor --rig twin --endpoints @", PATHS),
     ("init --mjcf @ --data folder", PATHS),
     ("init --mjcf ./empty.toml --data @", PATHS),
     ("prove --so-far --out @", OUTPUTS),

@@ -69,13 +69,17 @@ def test_every_command_stands_in_one_group_of_the_help(monkeypatch, capsys):
 @pytest.mark.parametrize("path", LEAVES, ids=" ".join)
 def test_every_command_stands_in_a_module_of_its_name_or_where_its_package_says(path):
     package, _, module = leaf(path).callback.__module__.rpartition(".")
-    if path[0] == "setup":
-        assert (package, module) == ("rfca_rig.cli.commands.setup", path[1])
-        return
-    assert package == f"rfca_rig.cli.commands{'.measure' if path[0] in GROUPS['Measure'] else ''}"
-    assert module in (path[0], "_".join(path)) or f"`{path[0]}` in `{module}`" in " ".join(
-        commands.__doc__.split()
-    )
+    folder = ""
+    if path[0] in GROUPS["Measure"]:
+        folder = ".measure"
+    elif path[0] == "setup":
+        folder = ".setup"
+    assert package == f"rfca_rig.cli.commands{folder}"
+    assert module in (
+        path[0],
+        path[-1],
+        "_".join(path),
+    ) or f"`{path[0]}` in `{module}`" in " ".join(commands.__doc__.split())
 
 
 @pytest.mark.slow

@@ -61,6 +61,7 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
         "2",
     ),
     ("doctor", "--rig", "calibration/twin.toml"),
+    ("setup", "motor", "--rig", "calibration/twin.toml"),
     ("view", "nothing"),
     ("contract", "examples/our-rig.toml"),
     ("trip", "F-02"),

@@ -31,6 +31,12 @@ GOLDEN = [
     (cs.clear_errors(3), 0x078, "00"),
     (cs.torques(3, 8.0, -8.0), 0x07C, "00 00 00 41 00 00 00 c1"),
     (cs.set_axis_state(62, om.AxisState.IDLE), 0x7C7, "01 00 00 00"),
+    (cs.read_endpoint(3, 0x1234), 0x064, "00 34 12 00"),
+    (cs.write_endpoint(3, 0x1234, bytes.fromhex("cd cc cc 3d")), 0x064, "01 34 12 00 cd cc cc 3d"),
+    (cs.write_endpoint(3, 201, b"\x01"), 0x064, "01 c9 00 00 01"),
+    (cs.endpoint_value(3, 201, b"\x01"), 0x065, "00 c9 00 00 01 00 00 00"),
+    (cs.address(63, om.Address(3, 0x0123456789AB)), 0x7E6, "03 ab 89 67 45 23 01"),
+    (cs.reboot(3, om.RebootAction.SAVE_CONFIGURATION), 0x076, "01"),
 ]
 
 
@@ -62,6 +68,12 @@ def test_a_frame_has_the_documented_id_and_bytes(
         (0x18, "00", om.ClearErrors()),
         (0x18, "", om.ClearErrors()),
         (0x1C, "00 00 00 41 00 00 00 c1", om.Torques(8.0, -8.0)),
+        (0x04, "00 34 12 00", om.RxSdo(0, 0x1234)),
+        (0x04, "01 34 12 00 07", om.RxSdo(1, 0x1234, b"\x07")),
+        (0x05, "00 34 12 00 07 00 00 00", om.TxSdo(0x1234, bytes([7, 0, 0, 0]))),
+        (0x06, "03 ab 89 67 45 23 01", om.Address(3, 0x0123456789AB)),
+        (0x06, "03 ab 89 67 45 23 01 09", om.Address(3, 0x0123456789AB)),
+        (0x16, "02", om.Reboot(2)),
     ],
 )
 def test_documented_bytes_are_read_as_their_message(
@@ -79,6 +91,12 @@ def test_a_command_that_is_not_used_here_is_nothing() -> None:
 def test_a_wrong_length_is_a_malformed_frame(command: int, length: int) -> None:
     with pytest.raises(MalformedFrame, match=f"{length} bytes, expected 8"):
         cs.decode(command, bytes(length))
+
+
+@pytest.mark.parametrize("command", [0x04, 0x05])
+def test_an_endpoint_without_its_number_is_a_malformed_frame(command: int) -> None:
+    with pytest.raises(MalformedFrame, match="3 bytes, expected 4 to 8"):
+        cs.decode(command, bytes(3))
 
 
 @given(st.integers(0, 0x7FF), st.binary(max_size=8))
@@ -233,7 +251,9 @@ def test_older_part_errors_have_the_documented_ids_and_64_bits() -> None:
 def test_the_dialects_do_not_read_each_others_messages() -> None:
     assert cs.decode(0x1C, bytes(8), V0_5) is None
     assert cs.decode(0x15, bytes(8), V0_5) is None
-    assert cs.decode(0x04, bytes(8)) is None
+    assert cs.decode(0x04, bytes(8), V0_5) == om.PartError(om.OdrivePart.ENCODER, 0)
+    assert cs.decode(0x05, bytes(8), V0_5) is None
+    assert cs.decode(0x16, b"", V0_5) == om.Reboot()
     assert cs.decode(0x1D, bytes(8)) is None
     assert cs.clear_errors(3, V0_5) == (0x078, b"")
 

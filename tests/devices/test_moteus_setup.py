@@ -11,7 +11,7 @@ import pytest
 from rfca_rig.clock import TwinClock
 from rfca_rig.contracts.motor_rig import IdleSensor, MotorRig, Rotor, motor_rig
 from rfca_rig.devices import load_object
-from rfca_rig.devices.drive_setup import Setting
+from rfca_rig.devices.drive_setup import DriveNeeds, Setting
 from rfca_rig.devices.moteus import DEVICE, codec, console
 from rfca_rig.devices.moteus.codec import ClientStreamData, Mode, Register, Route, Width, Write
 from rfca_rig.devices.moteus.driver import MoteusMotor, MoteusSettings
@@ -22,6 +22,7 @@ from rfca_rig.errors import DeviceError
 from rfca_rig.twins.wires import CanEnd, can_wire
 from rfca_rig.twins.world import TwinWorld
 
+NEEDS = DriveNeeds(20.0, 25.0, 0.1, 0.05)
 KEYS = {"device": "moteus", "direction": 1, "zero_turns": 0.0}
 
 
@@ -38,7 +39,7 @@ class Drive:
         """A session of its own, as each start of the program is one."""
         section = MoteusSection.model_validate({"drive_id": 3, **KEYS, **keys})
         assert load_object(DEVICE.setup or "") is MoteusSetup
-        return MoteusSetup(section, self.bus, self.clock)
+        return MoteusSetup(section, self.bus, self.clock, NEEDS)
 
     def run(self, seconds: float) -> None:
         self.clock.wait_until(self.clock.now_s() + seconds)
@@ -155,7 +156,9 @@ def test_no_drive_at_all_is_said_so() -> None:
         can_wire() as (here, _),
         pytest.raises(DeviceError, match=r"^no id from 1 to 126 answers; check its power, the wir"),
     ):
-        MoteusSetup(MoteusSection.model_validate({"drive_id": 3, **KEYS}), here, TwinClock()).read()
+        MoteusSetup(
+            MoteusSection.model_validate({"drive_id": 3, **KEYS}), here, TwinClock(), NEEDS
+        ).read()
 
 
 def test_of_several_drives_none_is_taken_for_the_rig_files() -> None:

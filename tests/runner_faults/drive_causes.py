@@ -2,7 +2,6 @@
 
 import struct
 from collections import deque
-from dataclasses import replace
 from math import inf, nan
 
 import can
@@ -50,7 +49,7 @@ def _weaken(rig: FaultyRig) -> None:
 
 
 def _switch_watchdog_off(rig: FaultyRig) -> None:
-    rig.drive._settings = replace(rig.drive._settings, watchdog_s=None)
+    rig.drive._watchdog_s = None
 
 
 def _fever(rig: FaultyRig) -> None:
@@ -71,7 +70,7 @@ def _run_away(rig: FaultyRig) -> None:
 
 def _forget_address(rig: FaultyRig) -> None:
     """It no longer hears, and its watchdog takes the torque away."""
-    rig.drive._settings = replace(rig.drive._settings, node_id=5)
+    rig.drive._node = 5
 
 
 def _command_of(message: can.Message) -> int:

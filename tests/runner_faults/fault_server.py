@@ -113,17 +113,18 @@ class ServedTwins:
         return self.link
 
     def make_twins(
-        self, rig: Any, twin: Any, seed: int, bus: can.BusABC, put_on_ports: Any
+        self, rig: Any, twin: Any, seed: int, bus: can.BusABC, put_on_ports: Any, is_new: bool
     ) -> Twins:
         self.bus = AlterableBus(bus)
-        twins = make_twins(rig, twin, seed, self.bus, put_on_ports)
+        twins = make_twins(rig, twin, seed, self.bus, put_on_ports, is_new)
         self.drive = twins.motor
         self.truth = TimedTruth(twins.plant)
         self.runaway = RunawayDrive(twins.motor)
         # The range of the simulated run: the served sensor's own ends a little above the limit of
         # the moment.
         twins.sensor._full_scale = np.array(box_settings(TRUE).full_scale)
-        self._healthy = twins.motor._settings, twins.motor._loop
+        motor = twins.motor
+        self._healthy = motor._settings, motor._loop, motor._watchdog_s, motor._node
         self.events = dict(served.drive_faults_of(rig).events(twins.motor))
         return Twins(
             self.truth, twins.motor, twins.sensor, TwinWorld(self.truth, self.runaway, twins.sensor)
@@ -148,7 +149,8 @@ class ServedTwins:
         self.truth.loose = False
         self.truth.pull = np.zeros(6)
         self.runaway.away_Nm = None
-        self.drive._settings, self.drive._loop = self._healthy
+        drive = self.drive
+        drive._settings, drive._loop, drive._watchdog_s, drive._node = self._healthy
 
 
 def main() -> None:

@@ -18,7 +18,7 @@ import serial
 from rfca_rig.clock import WallClock
 from rfca_rig.codecs import fdcanusb
 from rfca_rig.description.rig_file import read_rig
-from rfca_rig.devices.drive_setup import Setting
+from rfca_rig.devices.drive_setup import DriveNeeds, Setting
 from rfca_rig.devices.moteus.setup import MoteusSetup
 from rfca_rig.twin_server.can_ports import FdcanusbPort, SharedWire
 from tests.bench.test_moteus_and_odrive_rigs import MOTEUS, rig_with
@@ -204,7 +204,7 @@ def test_its_tool_and_ours_agree_on_the_settings_of_a_new_drive(tmp_path: Path) 
             update={"interface": "fdcanusb", "channel": port}
         )
         with keys.open() as bus:
-            setup = MoteusSetup(keys, bus, WallClock())
+            setup = MoteusSetup(keys, bus, WallClock(), DriveNeeds(20.0, 25.0, 0.1, 0.05))
             wrong = [setting for setting in setup.read() if setting.is_wrong]
             return wrong, setup.list_lines([one for one in wrong if one.name != "id.id"])
 

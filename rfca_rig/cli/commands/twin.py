@@ -106,6 +106,13 @@ def serve(
             help="Height of the shaft above the ground.",
         ),
     ] = 250.0,
+    new_drive: Annotated[
+        bool,
+        typer.Option(
+            "--new-drive",
+            help="The drive is as it leaves its maker: wrong rates, no watchdog (setup motor).",
+        ),
+    ] = False,
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -174,7 +181,15 @@ def serve(
     else:
         twin_seed = 0
     openings = Openings(
-        listen, rdt_port, http_port, command_port, can_port, control_port, slcan, 1e-3 * height
+        listen,
+        rdt_port,
+        http_port,
+        command_port,
+        can_port,
+        control_port,
+        slcan,
+        1e-3 * height,
+        new_drive,
     )
     with open_served(described, twin_seed, openings, WallClock()) as served:
         try:
@@ -272,7 +287,8 @@ def tell(
         list[str],
         typer.Argument(
             metavar="WORD",
-            help="on NAME, off NAME, off all, faults, status, height MM, push FX FY FZ [LEVER_MM].",
+            help="on NAME, off NAME, off all, faults, status, height MM, hold DEG, let go, "
+            "push FX FY FZ [LEVER_MM], or tool LINE.",
         ),
     ],
     control_port: Annotated[
@@ -282,7 +298,7 @@ def tell(
         ),
     ] = CONTROL_PORT,
 ) -> None:
-    """Switch faults of a running server, or ask how it is.
+    """Switch faults of a running server, ask how it is, or type a line in the drive's own tool.
 
     Example: rfca-rig twin tell on force-silent
     """

@@ -13,7 +13,8 @@ from rfca_rig.devices.cubemars.codec import mit, mit_ranges, servo
 from rfca_rig.devices.cubemars.codec.mit import POSITION_CODES, MitCommand, MitReply, Special
 from rfca_rig.devices.cubemars.codec.servo import Message, OriginMode, Status
 from rfca_rig.devices.cubemars.section import CubemarsMitSection, CubemarsServoSection
-from rfca_rig.errors import MalformedFrame
+from rfca_rig.devices.cubemars.tool_fields import CAN_ID, FEEDBACK_RATE
+from rfca_rig.errors import BadInput, MalformedFrame
 from rfca_rig.twin_server.faults import DRIVE_FAULTS, DriveFaults, Fault, drive_events
 from rfca_rig.twins.drive_parts import (
     DriveTwin,
@@ -39,6 +40,10 @@ JUMP_RAD = 0.5 * pi
 ZERO_COMMAND = MitCommand(0.0, 0.0, 0.0, 0.0, 0.0)
 # Time in s for which the drive does not answer after it has set its zero.
 ZEROING_S = 1.0
+# Of a new drive. The id is that of the AK driver manual 1.0.8 (section 5.3); the rate is one that
+# users have. Neither was read in a drive.
+NEW_DRIVE_ID = 1
+NEW_STATUS_PERIOD_S = 0.02
 # Largest temperature of the signed byte in the status frame.
 MAX_TEMPERATURE_degC = 127
 # End of the position range of the status frame according to the manual.
@@ -134,6 +139,13 @@ class CubemarsMitTwin(DriveTwin):
             elif entered != self._entered:
                 self._entered = entered
                 self._error = 0
+
+    def type_line(self, line: str) -> str:
+        """A field of the maker's tool, as `setup` prints it; returns what the field holds then."""
+        name, value = _read_line(line)
+        if name == CAN_ID:
+            self._settings = replace(self._settings, drive_id=round(value))
+        return f"{value:g}"
 
     def set_error(self, error: int) -> None:
         """Puts the drive into an error: no torque until it enters MIT mode again."""
@@ -328,6 +340,7 @@ class CubemarsServoTwin(DriveTwin):
         self._origin_wanted = False
         self._error = 0
         self._fed_s = 0.0
+        self._now_s = 0.0
         self._status_ticks = SampleGrid(settings.status_period_s)
         self._restarts = False
         self.encoder = Encoder()
@@ -395,6 +408,16 @@ class CubemarsServoTwin(DriveTwin):
             self._loop.reset()
         self._looping = True
 
+    def type_line(self, line: str) -> str:
+        """A field of the maker's tool, as `setup` prints it; returns what the field holds then."""
+        name, value = _read_line(line)
+        if name == CAN_ID:
+            self._settings = replace(self._settings, drive_id=round(value))
+        elif name == FEEDBACK_RATE and value > 0.0:
+            self._status_ticks = SampleGrid(1.0 / value)
+            self._status_ticks.skip_to(self._now_s)
+        return f"{value:g}"
+
     def set_error(self, error: int) -> None:
         """Puts the drive into an error: it is disabled, and ignores motion commands until a zero
         current clears it.
@@ -442,6 +465,7 @@ class CubemarsServoTwin(DriveTwin):
         """Takes in a step of the plant under `law` that ended at `now_s`, and sends the reports
         that became due in it.
         """
+        self._now_s = now_s
         self._loop.advance(self._wanted, elapsed_s, before, after)
         self.warmth.advance(elapsed_s, after.torque_Nm)
         if self._goal_rad is not None:
@@ -514,6 +538,22 @@ class CubemarsServoTwin(DriveTwin):
         return r"refuses with error 5 \(encoder fault\)"
 
 
+def _read_line(line: str) -> tuple[str, float]:
+    """Name and value of `NAME = VALUE UNIT`; on and off are 1 and 0. The tool keeps what is
+    entered at once, so that there is nothing to be saved.
+    """
+    if line.strip() == "save":
+        return "save", 1.0
+    name, _, text = line.partition("=")
+    words = text.split()
+    if words and words[0] in ("on", "off"):
+        return name.strip(), float(words[0] == "on")
+    try:
+        return name.strip(), float(words[0])
+    except (IndexError, ValueError):
+        raise BadInput(f"the tool has no field for {line.strip()[:80]!r}") from None
+
+
 def cubemars_events(motor: CubemarsMitTwin | CubemarsServoTwin) -> Mapping[str, Callable[[], None]]:
     """One-time events inside the drive, by the name of the fault."""
     return {
@@ -566,3 +606,21 @@ def make_servo_twin(
         watchdog_s=watchdog_s,
     )
     return CubemarsServoTwin(bus, settings)
+
+
+def make_new_mit_twin(
+    bus: can.BusABC, keys: CubemarsMitSection, gains: LoopGains
+) -> CubemarsMitTwin:
+    """The same drive as it leaves its maker."""
+    settings = keys.to_dataclass(MitTwinSettings, torque_limit_Nm=gains.torque_limit_Nm)
+    return CubemarsMitTwin(bus, replace(settings, drive_id=NEW_DRIVE_ID))
+
+
+def make_new_servo_twin(
+    bus: can.BusABC, keys: CubemarsServoSection, gains: LoopGains
+) -> CubemarsServoTwin:
+    """The same drive as it leaves its maker."""
+    settings = keys.to_dataclass(
+        ServoTwinSettings, gains=gains, status_period_s=NEW_STATUS_PERIOD_S
+    )
+    return CubemarsServoTwin(bus, replace(settings, drive_id=NEW_DRIVE_ID))

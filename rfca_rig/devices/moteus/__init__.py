@@ -6,6 +6,7 @@ DEVICE = MotorMake(
     section=f"{__name__}.section:MoteusSection",
     driver=f"{__name__}.driver:make_driver",
     twin=f"{__name__}.twin:make_twin",
+    new_twin=f"{__name__}.twin:make_new_twin",
     faults=f"{__name__}.twin:FAULTS",
     check=f"{__name__}.checks:check_drive",
     setup=f"{__name__}.setup:MoteusSetup",

@@ -7,7 +7,7 @@ import can
 
 from rfca_rig.clock import Clock
 from rfca_rig.devices.checks import Listener
-from rfca_rig.devices.drive_setup import DriveSetup, Setting
+from rfca_rig.devices.drive_setup import DriveNeeds, DriveSetup, Setting
 from rfca_rig.devices.moteus import codec, console
 from rfca_rig.devices.moteus.checks import MoteusSeen, judge_moteus, look_for_moteus
 from rfca_rig.devices.moteus.codec import (
@@ -23,7 +23,7 @@ from rfca_rig.devices.moteus.codec import (
 from rfca_rig.devices.moteus.driver import OWN_ID
 from rfca_rig.devices.moteus.section import MoteusSection
 from rfca_rig.drivers.can_frames import BusHealth, receive_frames, send
-from rfca_rig.errors import DeviceError, MalformedFrame
+from rfca_rig.errors import BadInput, DeviceError, MalformedFrame
 
 REMEDY = "check the adapter, its cable and the drive's power"
 # Interval between two polls, and time for the answer to a poll, in s.
@@ -41,6 +41,8 @@ OFF = frozenset({Mode.STOPPED, Mode.FAULT})
 # windings. The other one holds the shaft with all torque that it has.
 SAFE_TIMEOUT_MODES = (0, 12, 15)
 DAMP = 12
+# From the factory, with no prefix.
+NEW_DRIVE_ID = 1
 # Both take effect at once, so that the drive is reached by other frames from then on.
 ADDRESS = (console.CAN_PREFIX, console.ID)
 
@@ -197,26 +199,46 @@ class MoteusSetup(DriveSetup):
     the only one on the bus, and gets that id when it is written.
     """
 
-    def __init__(self, keys: MoteusSection, bus: can.BusABC, clock: Clock) -> None:
+    def __init__(
+        self, keys: MoteusSection, bus: can.BusABC, clock: Clock, needs: DriveNeeds
+    ) -> None:
+        if needs.maker_file is not None:
+            raise BadInput(f"{needs.maker_file}: a moteus has no endpoints; leave --endpoints out")
         self._keys = keys
         self._bus = bus
         self._clock = clock
         self._open_stream: DiagnosticStream | None = None
 
+    def list_wanted(self) -> tuple[Setting, ...]:
+        wanted = self._wanted(DAMP)
+        return tuple(
+            Setting(name, purpose, wanted.get(name), None, unit) for name, purpose, unit in NAMES
+        )
+
     def read(self) -> tuple[Setting, ...]:
         stream = self._stream()
         actual = {name: stream.get(name) for name, _, _ in NAMES}
-        wanted = self._wanted(actual)
+        timeout_mode = actual[console.TIMEOUT_MODE]
+        if timeout_mode not in SAFE_TIMEOUT_MODES:
+            timeout_mode = DAMP
+        wanted = self._wanted(timeout_mode)
         return tuple(
             Setting(name, purpose, wanted.get(name), actual[name], unit)
             for name, purpose, unit in NAMES
         )
 
-    def _wanted(self, actual: dict[str, float]) -> dict[str, float]:
+    def describe(self) -> tuple[str, ...]:
+        """The drive that the last `read` found."""
+        stream = self._open_stream
+        if stream is None:
+            return ()
+        line = f"moteus {stream.drive_id}, stopped"
+        if stream.drive_id != self._keys.drive_id:
+            line += f"; the rig file has {self._keys.drive_id}"
+        return (line,)
+
+    def _wanted(self, timeout_mode: float) -> dict[str, float]:
         keys = self._keys
-        timeout_mode = actual[console.TIMEOUT_MODE]
-        if timeout_mode not in SAFE_TIMEOUT_MODES:
-            timeout_mode = DAMP
         return {
             console.ID: keys.drive_id,
             console.CAN_PREFIX: keys.can_prefix,
@@ -237,10 +259,13 @@ class MoteusSetup(DriveSetup):
         self._stream().execute("conf write")
 
     def list_lines(self, settings: Sequence[Setting]) -> tuple[str, ...]:
-        stream = self._stream()
+        settings = [setting for setting in settings if setting.wanted is not None]
         address = [setting for setting in settings if setting.name in ADDRESS]
         others = [setting for setting in settings if setting.name not in ADDRESS]
-        lines = [_tool_line(stream.drive_id, stream.prefix)]
+        # A drive that was not looked for is taken for a new one.
+        lines = [_tool_line(NEW_DRIVE_ID, 0)]
+        if self._open_stream is not None:
+            lines = [_tool_line(self._open_stream.drive_id, self._open_stream.prefix)]
         lines += [_set_line(setting) for setting in (*others, *address)]
         if address:
             # The drive changes its address at once, and saves what it is told there.

@@ -7,6 +7,7 @@ from math import inf, isinf, isnan, nan, tau
 
 import can
 
+from rfca_rig.devices import USUAL_WATCHDOG_S
 from rfca_rig.devices.moteus import codec, console
 from rfca_rig.devices.moteus.codec import (
     ClientStreamData,
@@ -646,9 +647,20 @@ FAULTS = DriveFaults(
 def make_twin(
     bus: can.BusABC, keys: MoteusSection, gains: LoopGains, watchdog_s: float | None
 ) -> MoteusTwin:
-    """The twin of the drive that [motor] names. Its one PID loop acts on an angle as the cascade
-    of `gains` does.
-    """
+    """The twin of the drive that [motor] names."""
+    return MoteusTwin(bus, _twin_settings(keys, gains, watchdog_s))
+
+
+def make_new_twin(bus: can.BusABC, keys: MoteusSection, gains: LoopGains) -> MoteusTwin:
+    """The same drive as it leaves its maker, whose own watchdog is on."""
+    settings = _twin_settings(keys, gains, USUAL_WATCHDOG_S)
+    return MoteusTwin(bus, replace(settings, is_new=True))
+
+
+def _twin_settings(
+    keys: MoteusSection, gains: LoopGains, watchdog_s: float | None
+) -> MoteusTwinSettings:
+    """Its one PID loop acts on an angle as the cascade of `gains` does."""
     # Cascade: torque = (kv + ki / s) (ka e - w) with kv the speed gain, ki its integral gain, ka
     # the angle gain. For a target at rest, its terms in e, in the integral of e and in w are kp, ki
     # and kd.
@@ -659,10 +671,9 @@ def make_twin(
         kd_Nm_s_per_rad=gains.speed_gain_Nm_s_per_rad,
         torque_limit_Nm=gains.torque_limit_Nm,
     )
-    settings = keys.to_dataclass(
+    return keys.to_dataclass(
         MoteusTwinSettings,
         gains=own_gains,
         # How long it waits comes with every command.
         keeps_timeouts=watchdog_s is not None,
     )
-    return MoteusTwin(bus, settings)

@@ -9,6 +9,11 @@ Little-endian throughout. The same documents of firmware 0.5.6 differ as follows
 - 0x1C is a voltage instead of torques, and 0x15 is not temperatures.
 - 0x00 is not answered.
 - Clearing errors takes no byte.
+- Restarting takes no byte, and saves nothing.
+
+Endpoints (0x04, 0x05), addresses (0x06) and saving (0x16) belong to 0.6 only. Sources: the same
+protocol page, sections on arbitrary parameter access and on discovery, and ODrive's examples
+`can_restore_config.py` and `can_enumerate.py`.
 """
 
 import struct
@@ -17,6 +22,7 @@ from collections.abc import Callable
 from rfca_rig.devices.odrive.messages import (
     BROADCAST_NODE,
     PASSTHROUGH,
+    Address,
     BusPower,
     ClearErrors,
     EncoderEstimates,
@@ -30,6 +36,9 @@ from rfca_rig.devices.odrive.messages import (
     OdrivePart,
     OlderCommand,
     PartError,
+    Reboot,
+    RxSdo,
+    SdoOpcode,
     SetAxisState,
     SetControllerMode,
     SetInputPos,
@@ -37,6 +46,7 @@ from rfca_rig.devices.odrive.messages import (
     SetInputVel,
     Temperatures,
     Torques,
+    TxSdo,
     Version,
 )
 from rfca_rig.errors import MalformedFrame, NotEncodable
@@ -55,6 +65,11 @@ _VERSION = struct.Struct("<8B")
 _INPUT_POS = struct.Struct("<fhh")
 _ONE_BYTE = struct.Struct("<B")
 _EMPTY = struct.Struct("")
+# Node id, and a serial number of 48 bits. A byte may follow that only firmware 0.6.11 knows.
+_ADDRESS = struct.Struct("<B6s")
+# Opcode, endpoint and a reserved byte; up to four bytes of a value follow.
+_SDO = struct.Struct("<BHB")
+SDO_LENGTHS = range(_SDO.size, 9)
 
 # Feed-forwards are 16-bit integers in steps of 0.001, the drive's default scale.
 FEED_FORWARD_STEP = 1e-3
@@ -94,6 +109,10 @@ def _part_error(part: OdrivePart) -> Callable[[int], PartError]:
     return lambda word: PartError(part, word)
 
 
+def _address(node_id: int, serial_number: bytes) -> Address:
+    return Address(node_id, int.from_bytes(serial_number, "little"))
+
+
 def _input_pos(position: float, speed: int, torque: int) -> SetInputPos:
     return SetInputPos(position, speed * FEED_FORWARD_STEP, torque * FEED_FORWARD_STEP)
 
@@ -119,9 +138,12 @@ _NEWER: _Layouts = {
     OdriveCommand.ERRORS: (_TWO_WORDS, ErrorReport, frozenset({8})),
     OdriveCommand.TEMPERATURES: (_TWO_FLOATS, Temperatures, frozenset({8})),
     OdriveCommand.TORQUES: (_TWO_FLOATS, Torques, frozenset({8})),
+    OdriveCommand.ADDRESS: (_ADDRESS, _address, frozenset({7, 8})),
+    OdriveCommand.REBOOT: (_ONE_BYTE, Reboot, frozenset({1, 8})),
 }
 _OLDER: _Layouts = {
     OdriveCommand.HEARTBEAT: (_OLDER_HEARTBEAT, _older_heartbeat, frozenset({8})),
+    OdriveCommand.REBOOT: (_EMPTY, Reboot, frozenset({0, 8})),
     **{
         command: (_ONE_LONG_WORD, _part_error(part), frozenset({8}))
         for part, command in PART_COMMANDS.items()
@@ -138,6 +160,8 @@ def decode(
     MalformedFrame for a wrong length.
     """
     # The low five bits of the id are the command, the rest is the node.
+    if dialect is OdriveFirmware.V0_6 and arbitration_id & 0x1F in _SDO_COMMANDS:
+        return _decode_sdo(arbitration_id, bytes(data))
     layout = (_OF_V0_6 if dialect is OdriveFirmware.V0_6 else _OF_V0_5).get(arbitration_id & 0x1F)
     if layout is None:
         return None
@@ -149,6 +173,22 @@ def decode(
             f"does the drive speak CANSimple {dialect}?"
         )
     return message(*fields.unpack_from(data))
+
+
+_SDO_COMMANDS = frozenset({OdriveCommand.RX_SDO, OdriveCommand.TX_SDO})
+
+
+def _decode_sdo(arbitration_id: int, data: bytes) -> RxSdo | TxSdo:
+    command = OdriveCommand(arbitration_id & 0x1F)
+    if len(data) not in SDO_LENGTHS:
+        raise MalformedFrame(
+            f"CAN frame 0x{arbitration_id:03x} ({command.name}) has {len(data)} bytes, expected "
+            f"{SDO_LENGTHS[0]} to {SDO_LENGTHS[-1]}; does the drive speak CANSimple 0.6?"
+        )
+    opcode, endpoint_id, _ = _SDO.unpack_from(data)
+    if command == OdriveCommand.RX_SDO:
+        return RxSdo(opcode, endpoint_id, data[_SDO.size :])
+    return TxSdo(endpoint_id, data[_SDO.size :])
 
 
 def _name(command: int, dialect: OdriveFirmware) -> str:
@@ -299,3 +339,33 @@ def clear_errors(node: int, dialect: OdriveFirmware = OdriveFirmware.V0_6) -> Fr
 
 def torques(node: int, target_Nm: float, estimate_Nm: float) -> Frame:
     return _frame(node, OdriveCommand.TORQUES, _TWO_FLOATS, target_Nm, estimate_Nm)
+
+
+def read_endpoint(node: int, endpoint_id: int) -> Frame:
+    """Request of the value of an endpoint; firmware 0.6, as all of the following."""
+    return _frame(node, OdriveCommand.RX_SDO, _SDO, SdoOpcode.READ, endpoint_id, 0)
+
+
+def write_endpoint(node: int, endpoint_id: int, value: bytes) -> Frame:
+    """Sets an endpoint to a value of up to four bytes, which the endpoint's type determines."""
+    can_id, head = _frame(node, OdriveCommand.RX_SDO, _SDO, SdoOpcode.WRITE, endpoint_id, 0)
+    return can_id, head + value
+
+
+def endpoint_value(node: int, endpoint_id: int, value: bytes) -> Frame:
+    """The drive's answer to a request: the value, filled up to four bytes."""
+    can_id, head = _frame(node, OdriveCommand.TX_SDO, _SDO, 0, endpoint_id, 0)
+    return can_id, head + value.ljust(4, b"\0")
+
+
+def address(node: int, reply: Address) -> Frame:
+    """From a drive: its address. To `BROADCAST_NODE`: the drive of that serial number takes the
+    node id, and another drive that has it gives it up.
+    """
+    can_id, _ = _frame(node, OdriveCommand.ADDRESS)
+    return can_id, _ADDRESS.pack(reply.node_id, reply.serial_number.to_bytes(6, "little"))
+
+
+def reboot(node: int, action: int) -> Frame:
+    """Starts the drive again, after it has saved or erased its settings."""
+    return _frame(node, OdriveCommand.REBOOT, _ONE_BYTE, action)

@@ -430,8 +430,8 @@ class OdriveMotor(MotorDrive):
             raise DeviceError(
                 f"drive not enabled: encoder estimates come every {1e3 * measured_s:.2g} "
                 "ms, the settings say "
-                f"{1e3 * configured_s:g} ms; set the drive's encoder_msg_rate_ms or "
-                "encoder_period_s"
+                f"{1e3 * configured_s:g} ms; set the drive's encoder_msg_rate_ms, or "
+                f"encoder_period_ms in the rig file: {self._setup_command}"
             )
 
     def _ask_for_part_errors(self) -> None:
@@ -542,9 +542,16 @@ class OdriveMotor(MotorDrive):
         if took_s is None:
             raise DeviceError(
                 f"drive's watchdog let it run through {limit_s:g} s of silence; set "
-                "enable_watchdog and watchdog_timeout"
+                f"enable_watchdog and watchdog_timeout: {self._setup_command}"
             )
         return took_s
+
+    @property
+    def _setup_command(self) -> str:
+        """The command that helps with a wrong setting; firmware 0.5 saves nothing over CAN."""
+        if self._settings.dialect == OdriveFirmware.V0_5:
+            return "rfca-rig setup motor --rig RIG --print has the lines for odrivetool"
+        return "rfca-rig setup motor --rig RIG --endpoints FILE --write"
 
     def _watchdog_has_expired(self) -> bool:
         beat = self._beat()

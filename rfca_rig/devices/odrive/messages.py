@@ -36,6 +36,9 @@ class OdriveCommand(IntEnum):
     HEARTBEAT = 0x01
     ESTOP = 0x02
     ERRORS = 0x03
+    RX_SDO = 0x04
+    TX_SDO = 0x05
+    ADDRESS = 0x06
     AXIS_STATE = 0x07
     ENCODER_ESTIMATES = 0x09
     CONTROLLER_MODE = 0x0B
@@ -44,6 +47,7 @@ class OdriveCommand(IntEnum):
     INPUT_TORQUE = 0x0E
     IQ = 0x14
     TEMPERATURES = 0x15
+    REBOOT = 0x16
     BUS_VOLTAGE_CURRENT = 0x17
     CLEAR_ERRORS = 0x18
     TORQUES = 0x1C
@@ -56,6 +60,21 @@ class OlderCommand(IntEnum):
     MOTOR_ERROR = 0x03
     ENCODER_ERROR = 0x04
     CONTROLLER_ERROR = 0x1D
+
+
+class SdoOpcode(IntEnum):
+    """What a master asks of an endpoint."""
+
+    READ = 0
+    WRITE = 1
+
+
+class RebootAction(IntEnum):
+    """What a drive does with its settings before it starts again."""
+
+    REBOOT = 0
+    SAVE_CONFIGURATION = 1
+    ERASE_CONFIGURATION = 2
 
 
 class AxisState(IntEnum):
@@ -185,6 +204,40 @@ class SetInputTorque:
     torque_Nm: float
 
 
+@dataclass(frozen=True, slots=True)
+class RxSdo:
+    """To the drive: read an endpoint, or write these bytes to it; firmware 0.6."""
+
+    opcode: int
+    endpoint_id: int
+    value: bytes = b""
+
+
+@dataclass(frozen=True, slots=True)
+class TxSdo:
+    """From the drive: the bytes of an endpoint, four where it has fewer; firmware 0.6."""
+
+    endpoint_id: int
+    value: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Address:
+    """From a drive: its node id. To all drives: the one of this serial number takes the node id.
+    Firmware 0.6.
+    """
+
+    node_id: int
+    serial_number: int
+
+
+@dataclass(frozen=True, slots=True)
+class Reboot:
+    """`action` is a `RebootAction`; firmware 0.5 knows the first of them only."""
+
+    action: int = 0
+
+
 Message = (
     Version
     | Heartbeat
@@ -202,6 +255,10 @@ Message = (
     | SetInputPos
     | SetInputVel
     | SetInputTorque
+    | RxSdo
+    | TxSdo
+    | Address
+    | Reboot
 )
 
 
