@@ -40,7 +40,7 @@ def read_blocks(text: str) -> list[Block]:
     return blocks
 
 
-@pytest.mark.parametrize(("name", "count"), [("first-day", 6), ("drives", 2)])
+@pytest.mark.parametrize(("name", "count"), [("first-day", 8), ("drives", 2)])
 def test_a_page_s_commands_run_as_written_and_print_what_is_shown(
     name, count, tmp_path, monkeypatch, capsys
 ):

@@ -44,7 +44,7 @@ MAX_MOVED_MOTOR_TURNS = 0.25
 # time from the check to the first run.
 FRESH_S = 900.0
 # Difference between the clocks of host and drive: a step of the host's, and the rate of a drive
-# that counts by an RC oscillator (a moteus trims its own in steps of 0.25 %).
+# that counts by an RC oscillator (drives trim their own in steps of 0.25 %).
 CLOCK_STEP_S = 2.0
 CLOCK_DRIFT = 0.01
 
