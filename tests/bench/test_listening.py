@@ -62,9 +62,9 @@ def tapped_twin(monkeypatch) -> Iterator[list[FrameTap]]:
     taps = []
     make_twin = factory._make_motor_twin
 
-    def make(rig, drive, bus):
+    def make(rig, drive, bus, is_new):
         taps.append(FrameTap(bus, factory.TwinClock()))
-        return make_twin(rig, drive, taps[-1])
+        return make_twin(rig, drive, taps[-1], is_new)
 
     monkeypatch.setattr(factory, "_make_motor_twin", make)
     yield taps

@@ -58,7 +58,11 @@ def _length(*lengths: int) -> Callable[[bytes], bool]:
 
 
 def _odrive(dialect: cansimple.OdriveFirmware) -> Decoder:
-    lengths = {0x02: {0, 8}, 0x07: {4, 8}, 0x0E: {4, 8}, 0x18: {0, 1, 8}}
+    lengths = {0x02: {0, 8}, 0x07: {4, 8}, 0x0E: {4, 8}, 0x18: {0, 1, 8}, 0x16: {0, 8}}
+    if dialect is cansimple.OdriveFirmware.V0_6:
+        # An endpoint has one to four bytes behind the four of its number.
+        of_endpoint = {4, 5, 6, 7, 8}
+        lengths |= {0x04: of_endpoint, 0x05: of_endpoint, 0x06: {7, 8}, 0x16: {1, 8}}
 
     def decode(data: bytes) -> object:
         return cansimple.decode(data[0] if data else 0, data[1:], dialect)

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pytest
 
-from rfca_rig.campaign.recorded_files import list_hdf5_columns
+from rfca_rig.campaign.recorded_files import list_columns
 from rfca_rig.errors import BadInput
 from rfca_rig.recording.store import read_recording, write_recording
 from tests.cli.typed import typed
@@ -114,4 +114,4 @@ def test_no_command_hands_out_what_the_file_leads_to(hostile, monkeypatch, capsy
 def test_columns_of_a_strangers_file_are_refused_in_the_same_way(hostile):
     path, words = hostile
     with pytest.raises(BadInput, match=words):
-        list_hdf5_columns(path)
+        list_columns(path)

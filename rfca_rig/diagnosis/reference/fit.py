@@ -98,12 +98,13 @@ class ReferenceFit:
 
     def make_prior(self, is_joint: bool = True, is_same_motion: bool = True) -> Prior[Any]:
         """The prior for recordings of another day: the posterior, with the stated priors of the
-        parameters that are free; without correlations unless `is_joint`. For other motions it is
-        wider by the `contradiction`.
+        parameters that are free; without correlations unless `is_joint`. For other motions, and
+        where a value is no credible one, it is wider by the `contradiction`.
         """
         mean = np.where(self.free, 0.0, self.mean)
         covariance = np.where(self.free[:, None] | self.free, 0.0, self.covariance)
-        if not is_same_motion:
+        is_credible = bool(np.all(np.abs(mean) <= MAX_COORDINATE))
+        if not (is_same_motion and is_credible):
             covariance = covariance * self.contradiction**2
         if not is_joint:
             covariance = np.diag(np.diag(covariance))
