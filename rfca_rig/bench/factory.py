@@ -25,7 +25,7 @@ from rfca_rig.clock import Clock, TwinClock, WallClock
 from rfca_rig.description.rig_file import RigFile, TwinDriveSection, TwinSection
 from rfca_rig.devices import USUAL_WATCHDOG_S, find_motor, load_object
 from rfca_rig.devices.drive_setup import DriveNeeds
-from rfca_rig.devices.sections import MotorKeys, OwnMotorSection
+from rfca_rig.devices.sections import MotorKeys, MotorSection, OwnMotorSection
 from rfca_rig.drivers.can_frames import CanBusSettings
 from rfca_rig.drivers.guard import TorqueOffFrames
 from rfca_rig.drivers.roles import ShaftMotor
@@ -123,12 +123,8 @@ def open_setup_bus(rig: RigFile) -> Iterator[tuple[can.BusABC, Clock]]:
     """
     with ExitStack() as stack:
         if rig.is_real:
-            motor = rig.motor
-            try:
-                bus = stack.enter_context(motor.open())
-            # python-can raises any of these, depending on the interface.
-            except (can.CanError, OSError, ValueError) as error:
-                raise DeviceError(_describe_closed_bus(rig, error)) from error
+            with explain_closed_bus(rig.motor):
+                bus = stack.enter_context(rig.motor.open())
             yield bus, WallClock()
         elif rig.twin is not None:
             drivers_end, twins_end = stack.enter_context(can_wire())
@@ -143,11 +139,19 @@ def open_setup_bus(rig: RigFile) -> Iterator[tuple[can.BusABC, Clock]]:
             yield drivers_end, clock
 
 
-def _describe_closed_bus(rig: RigFile, error: Exception) -> str:
-    return (
-        f"CAN bus {rig.motor.interface} {rig.motor.channel} cannot be opened: {error}; check "
-        "[motor] in the rig file, rfca-rig doctor --rig FILE says more"
-    )
+@contextmanager
+def explain_closed_bus(motor: MotorSection) -> Iterator[None]:
+    """Within the block, what python-can raises where a bus cannot be opened becomes a DeviceError
+    with the way out.
+    """
+    try:
+        yield
+    # It raises any of these, depending on the interface.
+    except (can.CanError, OSError, ValueError) as error:
+        raise DeviceError(
+            f"CAN bus {motor.interface} {motor.channel} cannot be opened: {error}; check "
+            "[motor] in the rig file, rfca-rig doctor --rig FILE says more"
+        ) from error
 
 
 def _make_motor_twin(
@@ -225,11 +229,8 @@ def open_bench(
 
 def _real_bench(rig: RigFile, eye: PhotoSetup | None, stack: ExitStack) -> Bench:
     clock = WallClock()
-    try:
+    with explain_closed_bus(rig.motor):
         bus = stack.enter_context(open_commanding_bus(rig, clock))
-    # python-can raises any of these, depending on the interface.
-    except (can.CanError, OSError, ValueError) as error:
-        raise DeviceError(_describe_closed_bus(rig, error)) from error
     if rig.camera and eye:
         camera = make_camera(rig.camera, eye, clock, stack)
     else:

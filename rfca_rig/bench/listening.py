@@ -10,7 +10,7 @@ from typing import NoReturn
 import can
 import numpy as np
 
-from rfca_rig.bench.factory import HandRack, open_bench
+from rfca_rig.bench.factory import HandRack, explain_closed_bus, open_bench
 from rfca_rig.bench.recorder import SHAFT_FORM, Recorder, force_form, force_rows, shaft_rows
 from rfca_rig.bench.sensors import make_force_sensor
 from rfca_rig.clock import Clock, TwinClock, WallClock
@@ -179,7 +179,9 @@ def open_listening_bench(
         sensor: ForceSensor = AbsentSensor()
         tap = None
         if rig.motor is not None:
-            tap = stack.enter_context(FrameTap(_open_bus(rig.motor), clock))
+            with explain_closed_bus(rig.motor):
+                bus = rig.motor.open()
+            tap = stack.enter_context(FrameTap(bus, clock))
             silent_s = DRIVE_SILENT_S
             if isinstance(rig, RigFile):
                 silent_s = rig.limits.drive_silent_ms / 1e3
@@ -191,17 +193,6 @@ def open_listening_bench(
             sensor = make_force_sensor(rig.force_sensor, axes, clock, stack)
         bench = Bench(motor, sensor, HandRack(), clock, is_real=True)
         yield _with_streams(bench, rig.motor, rig.force_sensor, tap)
-
-
-def _open_bus(motor: MotorSection) -> can.BusABC:
-    try:
-        return motor.open()
-    # python-can raises any of these, depending on the interface.
-    except (can.CanError, OSError, ValueError) as error:
-        raise DeviceError(
-            f"CAN bus {motor.interface} {motor.channel} cannot be opened: {error}; check [motor] "
-            "in the rig file"
-        ) from error
 
 
 def _with_streams(

@@ -7,13 +7,20 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from rfca_rig.campaign.file_kinds import is_hdf5, is_matlab_5
+from rfca_rig.campaign.logger_files import find_logger
 from rfca_rig.campaign.recorded_columns import (
     ColumnList,
     ColumnRequest,
     RecordedColumns,
     find_rising,
 )
-from rfca_rig.campaign.stored_arrays import list_array_columns, read_array_columns
+from rfca_rig.campaign.stored_arrays import (
+    ArrayOpener,
+    list_array_columns,
+    open_hdf5,
+    open_matlab,
+    read_array_columns,
+)
 from rfca_rig.campaign.table import columns, numeric_columns, read_table
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.reading import read_within_limits
@@ -22,6 +29,7 @@ from rfca_rig.executors.reading import read_within_limits
 TEXT = (".csv", ".csv.gz", ".tsv", ".lvm")
 HDF5 = (".h5", ".hdf5")
 MATLAB = (".mat",)
+LOGGERS = (".tdms", ".mf4", ".mdf", ".parquet", ".feather")
 BAG_SUFFIXES = (".mcap", ".db3")
 
 # In the folder of a ROS 2 bag, with the first key of that file.
@@ -51,10 +59,9 @@ def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
         from rfca_rig.campaign.bag_columns import read_bag_columns  # noqa: PLC0415  (optional)
 
         return read_within_limits(path, partial(read_bag_columns, path, request))
-    if is_hdf5(path) or path.suffix.lower() in HDF5:
-        return read_within_limits(path, partial(read_array_columns, path, request, is_matlab=False))
-    if is_matlab_5(path):
-        return read_within_limits(path, partial(read_array_columns, path, request, is_matlab=True))
+    open_arrays = _find_opener(path)
+    if open_arrays is not None:
+        return read_within_limits(path, partial(read_array_columns, path, request, open_arrays))
     table = read_table(path)
     for name, meaning in request.with_time.items():
         if name not in table.names:
@@ -75,16 +82,24 @@ def list_columns(path: Path) -> ColumnList:
         from rfca_rig.campaign.bag_columns import list_bag_columns  # noqa: PLC0415  (optional)
 
         return read_within_limits(path, partial(list_bag_columns, path))
-    if is_hdf5(path) or path.suffix.lower() in HDF5:
-        return read_within_limits(path, partial(list_array_columns, path, is_matlab=False))
-    if is_matlab_5(path):
-        return read_within_limits(path, partial(list_array_columns, path, is_matlab=True))
+    open_arrays = _find_opener(path)
+    if open_arrays is not None:
+        return read_within_limits(path, partial(list_array_columns, path, open_arrays))
     table = read_table(path)
     values = numeric_columns(table)
     units = [f"{name}: the file states the unit {unit}" for name, unit in table.units.items()]
     twice = sorted({name for name in table.names if table.names.count(name) > 1})
     repeated = [f"two columns are named {name}; rename one to use it" for name in twice]
     return ColumnList(values, find_rising(values), notes=(*table.notes, *units, *repeated))
+
+
+def _find_opener(path: Path) -> ArrayOpener | None:
+    """What opens the arrays of a file that holds arrays; None for a table of text."""
+    if is_hdf5(path) or path.suffix.lower() in HDF5:
+        return open_hdf5
+    if is_matlab_5(path):
+        return open_matlab
+    return find_logger(path)
 
 
 def find_recordings(folder: Path) -> dict[str, list[Path]]:
@@ -102,6 +117,7 @@ def find_recordings(folder: Path) -> dict[str, list[Path]]:
         "CSV": [file for file in files if file.name.lower().endswith(TEXT)],
         "HDF5": [file for file in files if file.suffix.lower() in HDF5],
         "MATLAB": [file for file in files if file.suffix.lower() in MATLAB],
+        "logger": [file for file in files if file.suffix.lower() in LOGGERS],
         "bag": sorted([*bags, *(file for file in files if file.suffix.lower() in BAG_SUFFIXES)]),
     }
     return {kind: paths for kind, paths in recordings.items() if paths}

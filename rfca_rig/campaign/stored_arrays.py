@@ -8,8 +8,8 @@ whose attributes state a scale hold counts, and are read in the unit that their 
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -131,8 +131,14 @@ def _as_text(attribute: Any) -> str:
     return ""
 
 
-def read_array_columns(path: Path, request: ColumnRequest, is_matlab: bool) -> RecordedColumns:
-    """Read the requested columns of an HDF5 file, or of an older one of MATLAB.
+# Opens a file for its arrays by name, as a context.
+ArrayOpener = Callable[[Path], AbstractContextManager[Mapping[str, StoredArray]]]
+
+
+def read_array_columns(
+    path: Path, request: ColumnRequest, open_arrays: ArrayOpener
+) -> RecordedColumns:
+    """Read the requested columns of a file that holds arrays.
 
     Raises
     ------
@@ -143,7 +149,7 @@ def read_array_columns(path: Path, request: ColumnRequest, is_matlab: bool) -> R
     values: dict[str, Floats] = {}
     units: dict[str, str] = {}
     notes: dict[str, None] = {}
-    with _open(path, is_matlab) as arrays:
+    with _refuse_damage(path), open_arrays(path) as arrays:
         samples: int | None = None
         for name, meaning in request.with_time.items():
             array, picked = _find_array(path, arrays, name, meaning)
@@ -176,13 +182,13 @@ def read_array_columns(path: Path, request: ColumnRequest, is_matlab: bool) -> R
     return RecordedColumns(path, request.time_of(values), values, units=units, notes=tuple(notes))
 
 
-def list_array_columns(path: Path, is_matlab: bool) -> ColumnList:
+def list_array_columns(path: Path, open_arrays: ArrayOpener) -> ColumnList:
     """List all columns of the file with enough samples for a recording. Raises BadInput where it
     cannot be read.
     """
     values: dict[str, Floats | None] = {}
     notes: list[str] = []
-    with _open(path, is_matlab) as arrays:
+    with _refuse_damage(path), open_arrays(path) as arrays:
         samples = _find_samples(arrays.values())
         for array in arrays.values():
             if len(array.shape) not in (1, 2) or max(array.shape) < FEWEST_SAMPLES:
@@ -216,24 +222,29 @@ def _count_columns(array: StoredArray, samples: int | None) -> int:
 
 
 @contextmanager
-def _open(path: Path, is_matlab: bool) -> Iterator[dict[str, StoredArray]]:
-    """The arrays of a file by name. Anything that cannot be read in it, then or later, raises
-    BadInput.
-    """
-    kind = "HDF5"
-    if is_matlab:
-        kind = "a file of MATLAB"
+def _refuse_damage(path: Path) -> Iterator[None]:
+    """Within the block, anything that cannot be read in a file becomes BadInput."""
     try:
-        if is_matlab:
-            yield _list_matlab(path)
-        else:
-            with open_plain(path) as file:
-                yield _list_datasets(file)
-    # h5py and SciPy raise all of these for damaged files.
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError, MemoryError) as error:
-        raise BadInput(
-            f"{path}: cannot be read as {kind}: {' '.join(str(error).split())}"
-        ) from None
+        yield
+    except BadInput:
+        raise
+    # Damaged bytes may make h5py, SciPy and the packages of data loggers raise anything.
+    except Exception as error:
+        message = " ".join(str(error).split()) or type(error).__name__
+        raise BadInput(f"{path}: cannot be read: {message}") from None
+
+
+@contextmanager
+def open_hdf5(path: Path) -> Iterator[Mapping[str, StoredArray]]:
+    """The datasets of an HDF5 file, which are read when they are asked for."""
+    with open_plain(path) as file:
+        yield _list_datasets(file)
+
+
+@contextmanager
+def open_matlab(path: Path) -> Iterator[Mapping[str, StoredArray]]:
+    """The arrays of an older file of MATLAB, those in structures by their path."""
+    yield _list_matlab(path)
 
 
 def _list_datasets(file: h5py.File) -> dict[str, StoredArray]:
@@ -248,7 +259,6 @@ def _list_datasets(file: h5py.File) -> dict[str, StoredArray]:
 
 
 def _list_matlab(path: Path) -> dict[str, StoredArray]:
-    """The arrays of an older file of MATLAB, those in structures by their path."""
     arrays: dict[str, StoredArray] = {}
 
     def add(name: str, item: Any) -> None:

@@ -363,10 +363,6 @@ FOREIGN = {
     "run.blf": (b"LOGG\x90\x00", "is a CAN log (BLF); decode its signals to CSV"),
     "run.log": (b"(1714500000.000000) can0 029#BC46 R\n", "is a CAN log (candump)"),
     "run.asc": (b"date Wed May 01 12:00:00.000 2024\n", "is a CAN log (Vector ASC)"),
-    "run.tdms": (b"TDSm\x0e\x00", "is a LabVIEW file (TDMS); export it as CSV"),
-    "run.mf4": (b"MDF     4.10", "is a measurement (MDF); export it as CSV"),
-    "run.parquet": (b"PAR1\x15", "is a Parquet table; save it as CSV"),
-    "run.feather": (b"ARROW1\x00", "is an Arrow or Feather table"),
     "run.npy": (b"\x93NUMPY\x01", "is a NumPy array; save it as CSV"),
     "run.npz": (b"PK\x03\x04", "is NumPy arrays; save them as CSV"),
     "run.xlsx": (b"PK\x03\x04", "is an Excel file; save it as CSV"),
@@ -424,6 +420,6 @@ def test_what_is_no_unit_contradicts_nothing():
 
 
 def test_a_draft_names_a_recording_of_another_kind(tmp_path):
-    (tmp_path / "run.tdms").write_bytes(b"TDSm" + bytes(600))
-    with pytest.raises(BadInput, match=r"run\.tdms: is a LabVIEW file \(TDMS\)"):
+    (tmp_path / "run.blf").write_bytes(b"LOGG" + bytes(600))
+    with pytest.raises(BadInput, match=r"run\.blf: is a CAN log \(BLF\)"):
         write_draft(None, tmp_path)

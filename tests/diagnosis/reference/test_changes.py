@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 
 from rfca_rig.diagnosis.config import DEFAULT_SEARCH
+from rfca_rig.diagnosis.decision.decide import HELD_OUT, PLAUSIBLE, PROBABLE, Decision
 from rfca_rig.diagnosis.problem import Problem, RecordingPair
 from rfca_rig.diagnosis.reference import problem
 from rfca_rig.diagnosis.reference.conditions import ReferenceParts, compare_with_reference
 from rfca_rig.diagnosis.reference.fit import fit_reference
 from rfca_rig.diagnosis.reference.matching import name_signals
 from rfca_rig.diagnosis.reference.problem import ReferenceProblem
+from rfca_rig.diagnosis.result import Criterion
 from rfca_rig.diagnosis.simulator import make_dataset
 from rfca_rig.errors import SimulationFailed
 from tests.diagnosis.oscillator import (
@@ -254,14 +256,22 @@ def test_a_reference_is_fitted_beyond_the_bounds_of_credible_values(exact_refere
     assert fit.mean == pytest.approx(fit.fitted.x, abs=0.1)
 
 
-@pytest.mark.parametrize(("shaken", "is_wider"), [(SHAKEN, False), (OTHERS, True)])
-def test_values_that_contradict_known_to_are_less_sure_in_other_motions(
-    exact_reference, shaken, is_wider
+# As above, by about two and a half of them: doubtful, and still credible.
+SURE = replace(nuisance_space(), std=np.array([0.002, 0.02]))
+
+
+@pytest.mark.parametrize(
+    ("space", "shaken", "is_wider"),
+    [(SURE, SHAKEN, False), (SURE, OTHERS, True), (TOO_SURE, SHAKEN, True)],
+    ids=["same motions", "other motions", "beyond what is credible"],
+)
+def test_values_that_contradict_known_to_are_less_sure_elsewhere(
+    exact_reference, space, shaken, is_wider
 ):
-    new = record(shaken, lambda _: 0.0, seed=2)
-    solution = decided(new, exact_reference, space=TOO_SURE)
-    contradiction = np.sqrt(np.mean(OFF**2))
-    assert solution.fit.contradiction == pytest.approx(contradiction, rel=0.05)
+    solution = decided(record(shaken, lambda _: 0.0, seed=2), exact_reference, space=space)
+    off = np.log([60.3 / 60.0, 0.84 / 0.8]) / space.std
+    contradiction = np.sqrt(np.mean(off**2))
+    assert solution.fit.contradiction == pytest.approx(contradiction, rel=0.1)
     widening = prior_of(solution).std / np.sqrt(np.diag(solution.fit.covariance))
     assert widening == pytest.approx(solution.fit.contradiction if is_wider else 1.0)
     assert solution.finding.decision.grade == "nothing missing"
@@ -279,3 +289,34 @@ def test_only_stated_values_can_contradict_known_to(rubbing_reference):
     assert len(solution.fit.mean) == len(OFF) + 1
     stated = solution.fit.mean[: len(OFF)]
     assert solution.fit.contradiction == pytest.approx(np.sqrt(np.mean(stated**2)))
+
+
+def test_an_explanation_that_fits_poorly_is_not_stated_in_other_motions(
+    rubbing_reference, monkeypatch
+):
+    monkeypatch.setattr(Decision, "fits_poorly", True)
+    solution = decided(record(OTHERS, rub, seed=2, mass_kg=1.1), rubbing_reference)
+    decision = solution.finding.decision
+    assert decision.grade == "unexplained"
+    assert not decision.effects
+    assert decision.closest.ids == ("extra_mass",)
+
+
+def test_in_the_same_motions_a_poor_fit_is_graded_as_without_a_reference(
+    rubbing_reference, monkeypatch
+):
+    monkeypatch.setattr(Decision, "fits_poorly", True)
+    solution = decided(record(SHAKEN, lambda v: 2.0 * rub(v), seed=2), rubbing_reference)
+    assert [effect.id for effect in solution.finding.decision.effects] == ["coulomb"]
+
+
+@pytest.mark.parametrize("predicts", [False, True])
+@pytest.mark.parametrize("is_plausible", [False, True])
+def test_only_both_faults_together_are_a_poor_fit(predicts, is_plausible):
+    criteria = (
+        Criterion(PROBABLE, False, "", ""),
+        Criterion(HELD_OUT, predicts, "", ""),
+        Criterion(PLAUSIBLE, is_plausible, "", ""),
+    )
+    decision = Decision("mostly", Mock(), criteria=criteria)
+    assert decision.fits_poorly == (not predicts and not is_plausible)
