@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rfca_rig.campaign.file_kinds import read_beginning
-from rfca_rig.campaign.stored_arrays import ArrayOpener, StoredArray
+from rfca_rig.campaign.stored_arrays import ArrayFormat, StoredArray
 from rfca_rig.errors import BadInput
 
 EXTRA = "pip install 'rfca-rig[loggers]'"
@@ -24,17 +24,16 @@ TIME = "time"
 
 @dataclass(frozen=True)
 class Logger:
-    """A kind of file: what it is, by its first bytes, the module that reads it, and its arrays."""
+    """A format, its first bytes, and the module that reads it."""
 
-    words: str
+    array_format: ArrayFormat
     beginnings: tuple[bytes, ...]
     module: str
-    open_arrays: ArrayOpener
 
 
-def find_logger(path: Path) -> ArrayOpener | None:
-    """What opens the arrays of a file of a data logger; None for other files. Raises BadInput where
-    the package is not installed.
+def find_logger(path: Path) -> ArrayFormat | None:
+    """The format of a file of a data logger; None for other files. Raises BadInput where the
+    package is not installed.
     """
     if not path.is_file():
         return None
@@ -42,11 +41,12 @@ def find_logger(path: Path) -> ArrayOpener | None:
     for logger in LOGGERS:
         if beginning.startswith(logger.beginnings):
             if find_spec(logger.module) is None:
+                words = logger.array_format.name
                 raise BadInput(
-                    f"{path}: is {logger.words}, and {logger.module}, which reads it, is not "
-                    f"installed: {EXTRA}, or export the file as CSV"
+                    f"{path}: is {words}, and {logger.module}, which reads it, is not installed: "
+                    f"{EXTRA}, or export the file as CSV"
                 )
-            return logger.open_arrays
+            return logger.array_format
     return None
 
 
@@ -128,8 +128,8 @@ def _attributes_of(unit: str) -> dict[str, Any]:
 
 
 LOGGERS = (
-    Logger("a LabVIEW file (TDMS)", (b"TDSm",), "nptdms", _open_tdms),
-    Logger("a measurement (MDF)", (b"MDF     ", b"UnFinMF "), "asammdf", _open_mdf),
-    Logger("a Parquet table", (b"PAR1",), "pyarrow", _open_parquet),
-    Logger("a Feather table", (b"ARROW1", b"FEA1"), "pyarrow", _open_feather),
+    Logger(ArrayFormat("a LabVIEW file (TDMS)", _open_tdms), (b"TDSm",), "nptdms"),
+    Logger(ArrayFormat("a measurement (MDF)", _open_mdf), (b"MDF     ", b"UnFinMF "), "asammdf"),
+    Logger(ArrayFormat("a Parquet table", _open_parquet), (b"PAR1",), "pyarrow"),
+    Logger(ArrayFormat("a Feather table", _open_feather), (b"ARROW1", b"FEA1"), "pyarrow"),
 )

@@ -15,10 +15,10 @@ from rfca_rig.campaign.recorded_columns import (
     find_rising,
 )
 from rfca_rig.campaign.stored_arrays import (
-    ArrayOpener,
+    HDF5_FORMAT,
+    MATLAB_FORMAT,
+    ArrayFormat,
     list_array_columns,
-    open_hdf5,
-    open_matlab,
     read_array_columns,
 )
 from rfca_rig.campaign.table import columns, numeric_columns, read_table
@@ -59,9 +59,9 @@ def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
         from rfca_rig.campaign.bag_columns import read_bag_columns  # noqa: PLC0415  (optional)
 
         return read_within_limits(path, partial(read_bag_columns, path, request))
-    open_arrays = _find_opener(path)
-    if open_arrays is not None:
-        return read_within_limits(path, partial(read_array_columns, path, request, open_arrays))
+    array_format = _find_format(path)
+    if array_format is not None:
+        return read_within_limits(path, partial(read_array_columns, path, request, array_format))
     table = read_table(path)
     for name, meaning in request.with_time.items():
         if name not in table.names:
@@ -82,9 +82,9 @@ def list_columns(path: Path) -> ColumnList:
         from rfca_rig.campaign.bag_columns import list_bag_columns  # noqa: PLC0415  (optional)
 
         return read_within_limits(path, partial(list_bag_columns, path))
-    open_arrays = _find_opener(path)
-    if open_arrays is not None:
-        return read_within_limits(path, partial(list_array_columns, path, open_arrays))
+    array_format = _find_format(path)
+    if array_format is not None:
+        return read_within_limits(path, partial(list_array_columns, path, array_format))
     table = read_table(path)
     values = numeric_columns(table)
     units = [f"{name}: the file states the unit {unit}" for name, unit in table.units.items()]
@@ -93,12 +93,12 @@ def list_columns(path: Path) -> ColumnList:
     return ColumnList(values, find_rising(values), notes=(*table.notes, *units, *repeated))
 
 
-def _find_opener(path: Path) -> ArrayOpener | None:
-    """What opens the arrays of a file that holds arrays; None for a table of text."""
+def _find_format(path: Path) -> ArrayFormat | None:
+    """The format of a file that holds arrays; None for a table of text."""
     if is_hdf5(path) or path.suffix.lower() in HDF5:
-        return open_hdf5
+        return HDF5_FORMAT
     if is_matlab_5(path):
-        return open_matlab
+        return MATLAB_FORMAT
     return find_logger(path)
 
 

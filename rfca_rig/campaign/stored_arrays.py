@@ -131,12 +131,18 @@ def _as_text(attribute: Any) -> str:
     return ""
 
 
-# Opens a file for its arrays by name, as a context.
-ArrayOpener = Callable[[Path], AbstractContextManager[Mapping[str, StoredArray]]]
+@dataclass(frozen=True)
+class ArrayFormat:
+    """A kind of file that holds arrays: its name in messages, and what opens a file for its arrays
+    by name.
+    """
+
+    name: str
+    open_arrays: Callable[[Path], AbstractContextManager[Mapping[str, StoredArray]]]
 
 
 def read_array_columns(
-    path: Path, request: ColumnRequest, open_arrays: ArrayOpener
+    path: Path, request: ColumnRequest, array_format: ArrayFormat
 ) -> RecordedColumns:
     """Read the requested columns of a file that holds arrays.
 
@@ -149,7 +155,7 @@ def read_array_columns(
     values: dict[str, Floats] = {}
     units: dict[str, str] = {}
     notes: dict[str, None] = {}
-    with _refuse_damage(path), open_arrays(path) as arrays:
+    with _open(path, array_format) as arrays:
         samples: int | None = None
         for name, meaning in request.with_time.items():
             array, picked = _find_array(path, arrays, name, meaning)
@@ -182,13 +188,13 @@ def read_array_columns(
     return RecordedColumns(path, request.time_of(values), values, units=units, notes=tuple(notes))
 
 
-def list_array_columns(path: Path, open_arrays: ArrayOpener) -> ColumnList:
+def list_array_columns(path: Path, array_format: ArrayFormat) -> ColumnList:
     """List all columns of the file with enough samples for a recording. Raises BadInput where it
     cannot be read.
     """
     values: dict[str, Floats | None] = {}
     notes: list[str] = []
-    with _refuse_damage(path), open_arrays(path) as arrays:
+    with _open(path, array_format) as arrays:
         samples = _find_samples(arrays.values())
         for array in arrays.values():
             if len(array.shape) not in (1, 2) or max(array.shape) < FEWEST_SAMPLES:
@@ -222,29 +228,36 @@ def _count_columns(array: StoredArray, samples: int | None) -> int:
 
 
 @contextmanager
-def _refuse_damage(path: Path) -> Iterator[None]:
-    """Within the block, anything that cannot be read in a file becomes BadInput."""
+def _open(path: Path, array_format: ArrayFormat) -> Iterator[Mapping[str, StoredArray]]:
+    """The arrays of a file by name. Anything that cannot be read in it, then or later, raises
+    BadInput.
+    """
     try:
-        yield
+        with array_format.open_arrays(path) as arrays:
+            yield arrays
     except BadInput:
         raise
     # Damaged bytes may make h5py, SciPy and the packages of data loggers raise anything.
     except Exception as error:
         message = " ".join(str(error).split()) or type(error).__name__
-        raise BadInput(f"{path}: cannot be read: {message}") from None
+        raise BadInput(f"{path}: cannot be read as {array_format.name}: {message}") from None
 
 
 @contextmanager
-def open_hdf5(path: Path) -> Iterator[Mapping[str, StoredArray]]:
+def _open_hdf5(path: Path) -> Iterator[Mapping[str, StoredArray]]:
     """The datasets of an HDF5 file, which are read when they are asked for."""
     with open_plain(path) as file:
         yield _list_datasets(file)
 
 
 @contextmanager
-def open_matlab(path: Path) -> Iterator[Mapping[str, StoredArray]]:
+def _open_matlab(path: Path) -> Iterator[Mapping[str, StoredArray]]:
     """The arrays of an older file of MATLAB, those in structures by their path."""
     yield _list_matlab(path)
+
+
+HDF5_FORMAT = ArrayFormat("HDF5", _open_hdf5)
+MATLAB_FORMAT = ArrayFormat("a file of MATLAB", _open_matlab)
 
 
 def _list_datasets(file: h5py.File) -> dict[str, StoredArray]:

@@ -126,5 +126,5 @@ def test_a_damaged_file_is_one_line(tmp_path, module):
     path.write_bytes(beginning + bytes(range(256)) * 4)
     with pytest.raises(BadInput) as refused:
         list_columns(path)
-    assert str(refused.value).startswith(f"{path}: cannot be read: ")
+    assert str(refused.value).startswith(f"{path}: cannot be read as a ")
     assert "\n" not in str(refused.value)
