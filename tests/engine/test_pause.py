@@ -39,6 +39,9 @@ class Pausing:
             self._has_asked = True
             self._stop_request.is_pause_asked = True
 
+    def start(self, start_s):
+        pass
+
     def energising(self):
         pass
 

@@ -502,11 +502,13 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
             "MuJoCo's own contacts"
         )
         yield CheckLine("balance", "all joints", words)
-    for name, share in shares.items():
-        yield _describe_balance(name, share)
     corrections: Sequence[Correction] = ()
     if not experiment.frames:
         corrections = find_corrections(described, mechanism, states, ratios)
+    for name, share in shares.items():
+        # A wrong sign or unit is one warning, which names the fix.
+        is_model = not corrections and all(ratio.agrees for ratio in ratios.values())
+        yield _describe_balance(name, share, is_model)
     yield from check_corrections(corrections)
     # Later checks use corrected states, so that one wrong sign is not reported as several mistakes.
     factors = np.ones(len(mechanism.joints))
@@ -549,8 +551,10 @@ def check_experiment(folder: Path, allow_outside: bool = False) -> Iterator[Chec
     yield _check_conditions(problem, experiment)
 
 
-def _describe_balance(name: str, share: float) -> CheckLine:
-    """How well the torques of a joint balance; a warning where the model is a poor one."""
+def _describe_balance(name: str, share: float, is_model: bool) -> CheckLine:
+    """How well the torques of a joint balance; a warning where the model is a poor one, and not a
+    column.
+    """
     digits = 1
     if share >= 0.1:
         digits = 0
@@ -558,7 +562,7 @@ def _describe_balance(name: str, share: float) -> CheckLine:
         "inertia, weight and drive of the model balance in the recorded motion to "
         f"{100.0 * share:.{digits}f} %"
     )
-    is_poor = share > UNBALANCED
+    is_poor = is_model and share > UNBALANCED
     if is_poor:
         words += (
             "; look at the zero and the sign of the joint (ref, axis), at gravcomp, range, springs "
