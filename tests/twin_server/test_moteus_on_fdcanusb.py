@@ -13,7 +13,7 @@ import pytest
 from rfca_rig.bench.factory import open_bench
 from rfca_rig.clock import WallClock
 from rfca_rig.description.rig_file import RigFile, read_rig
-from rfca_rig.devices import load_object
+from rfca_rig.devices.drive_setup import DriveNeeds
 from rfca_rig.devices.moteus import DEVICE
 from rfca_rig.drivers.roles import StreamHealth
 from rfca_rig.engine.run import prove_stop, run_plan
@@ -37,6 +37,8 @@ PATIENT_LIMITS = {
     "above_expected": 50.0,
     "late_ms": 300.0,
 }
+
+NEEDS = DriveNeeds(speed_rad_s=20.0, torque_Nm=25.0, watchdog_s=0.1, late_s=0.05)
 
 
 def write_real_rig(folder: Path, served: Server) -> Path:
@@ -114,7 +116,7 @@ def test_the_doctor_finds_the_drive_behind_the_adapter_and_the_settings_that_are
         served.told("on factory-settings")
         keys = read_rig(file).motor
         with keys.open() as bus:
-            setup = load_object(DEVICE.setup or "")(keys, bus, WallClock())
+            setup = DEVICE.make_setup(keys, bus, WallClock(), NEEDS)
             wrong = [setting for setting in setup.read() if setting.is_wrong]
             assert [setting.name for setting in wrong] == [
                 "id.id",
@@ -126,5 +128,5 @@ def test_the_doctor_finds_the_drive_behind_the_adapter_and_the_settings_that_are
             setup.save()
         served.told("on drive-restart")
         with keys.open() as bus:
-            setup = load_object(DEVICE.setup or "")(keys, bus, WallClock())
+            setup = DEVICE.make_setup(keys, bus, WallClock(), NEEDS)
             assert not any(setting.is_wrong for setting in setup.read())
