@@ -31,6 +31,10 @@ ENDING = ".zero.json"
 # as time passes, so it is read at once.
 READ_S = 0.2
 TWIN_READ_S = 0.01
+# Within the time of a reading a leg that stands still moves by less than this: a tenth of what
+# counts as moved. A leg that the motor let go swings for seconds; the longest time is assumed.
+STILL_DEG = 0.5
+SWINGS_S = 15.0
 # A drive is asked, or told to stay off, so often; and the longest time without its first report.
 ASK_EVERY_S = 0.02
 POLL_S = 2e-3
@@ -142,6 +146,17 @@ def read_encoder(
                 "rfca-rig doctor --rig FILE says more"
             )
     return summarize_readings(zero, angles_rad, motor.status(), clock)
+
+
+def read_still_encoder(motor: ShaftMotor, clock: Clock, zero: EncoderZero) -> EncoderReading:
+    """Reads the encoder when the leg stands still: one that the motor let go swings for seconds.
+    After SWINGS_S it is read as it moves. Raises DeviceError as `read_encoder`.
+    """
+    until_s = clock.now_s() + SWINGS_S
+    while True:
+        reading = read_encoder(motor, clock, zero, READ_S)
+        if zero.shaft_deg(reading.spread) <= STILL_DEG or clock.now_s() > until_s:
+            return reading
 
 
 def summarize_readings(
@@ -350,10 +365,10 @@ class ZeroOfRun:
             )
 
     def _read(self, bench: Bench) -> EncoderReading:
-        read_s = TWIN_READ_S
-        if bench.is_real:
-            read_s = READ_S
-        return read_encoder(bench.motor, bench.clock, zero_of(self._rig), read_s)
+        zero = zero_of(self._rig)
+        if not bench.is_real:
+            return read_encoder(bench.motor, bench.clock, zero, TWIN_READ_S)
+        return read_still_encoder(bench.motor, bench.clock, zero)
 
     def _store(self, changes: Mapping[str, object]) -> None:
         assert self._check is not None and self._path is not None

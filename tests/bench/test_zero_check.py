@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from datetime import timedelta
 from math import degrees, tau
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -20,12 +21,13 @@ from rfca_rig.bench.zero_check import (
     new_check,
     read_check,
     read_encoder,
+    read_still_encoder,
     state_file,
     write_check,
     zero_of,
 )
 from rfca_rig.bench.zero_setup import choose_zero, write_zero
-from rfca_rig.clock import TWIN_START, Clock
+from rfca_rig.clock import TWIN_START, Clock, TwinClock
 from rfca_rig.contracts.motor_rig import Floats, MotorRig, Rotor, motor_rig
 from rfca_rig.description.rig_file import RigFile, read_rig
 from rfca_rig.devices import find_motor
@@ -439,3 +441,37 @@ def test_an_uptime_tells_a_power_up_whatever_the_reading(
     at = TWIN_START + timedelta(seconds=after_s)
     present = EncoderReading(7.0, 0.0, 1, uptime_now_s, at)
     assert (find_doubt(TURNS, "behind-gear", check, present) is not None) == is_asked
+
+
+class SwingingMotor:
+    """A motor without torque whose leg swings about 90 degrees, and loses a factor of e in
+    `decays_s`.
+    """
+
+    def __init__(self, clock: TwinClock, decays_s: float) -> None:
+        self._clock = clock
+        self._decays_s = decays_s
+
+    def disable(self) -> None:
+        pass
+
+    def status(self) -> Mock:
+        return Mock(uptime_s=None, zero_lost=None)
+
+    def read(self) -> Mock:
+        now_s = self._clock.now_s()
+        swing_deg = 40.0 * np.exp(-now_s / self._decays_s) * np.cos(8.0 * now_s)
+        return Mock(angle_rad=np.radians([90.0 + swing_deg]))
+
+
+@pytest.mark.parametrize(("decays_s", "is_still"), [(1.0, True), (1e6, False)])
+def test_a_leg_that_swings_is_read_when_it_stands_still(tmp_path, decays_s, is_still):
+    clock = TwinClock()
+    zero = read_rig(write_rig(tmp_path, ODRIVE, "incremental")).motor.encoder_zero
+    reading = read_still_encoder(SwingingMotor(clock, decays_s), clock, zero)
+    assert (zero.shaft_deg(reading.spread) <= 0.5) == is_still
+    if is_still:
+        assert degrees(zero.angle_rad(reading.value)) == pytest.approx(90.0, abs=1.0)
+        assert 3.0 < clock.now_s() < 10.0
+    else:
+        assert clock.now_s() == pytest.approx(15.0, abs=0.5)
