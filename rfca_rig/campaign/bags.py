@@ -139,8 +139,14 @@ def _advise_repair(path: Path) -> str:
     """The repair of a bag that was cut off, where it was; "" elsewhere."""
     if path.suffix.lower() != ".mcap":
         return "; was the recording cut off? `ros2 bag reindex` saves what it can"
-    content = path.read_bytes()[-len(MCAP0_MAGIC) :]
-    if content == MCAP0_MAGIC:
+    try:
+        with path.open("rb") as file:
+            # Its end alone: a recording may have gigabytes.
+            file.seek(max(path.stat().st_size - len(MCAP0_MAGIC), 0))
+            end = file.read()
+    except OSError:
+        return ""
+    if end == MCAP0_MAGIC:
         return "; the file has its end, and bytes within it are wrong: copy it again"
     return "; the end of the file is missing: `mcap recover` saves what it can"
 

@@ -104,6 +104,12 @@ def _sign(character: str) -> str:
     return "".join(f"\\u{words[i]:02x}{words[i + 1]:02x}" for i in range(0, len(words), 2))
 
 
+def has_terminal() -> bool:
+    """Whether a person can answer a question."""
+    # Python has no standard input where the shell closed it (<&-).
+    return sys.stdin is not None and sys.stdin.isatty()
+
+
 def takes_colours() -> bool:
     """Whether the user allows colours; whether there is a terminal is another question."""
     return not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"

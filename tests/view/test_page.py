@@ -34,7 +34,9 @@ def inked_rows(
           const canvas = plot.ctx.canvas, ratio = canvas.width / canvas.clientWidth;
           const x = Math.round(plot.valToPos(t, "x", true));
           const column = plot.ctx.getImageData(x - 1, 0, 3, canvas.height).data;
-          const near = at => [0, 1, 2].every(c => Math.abs(column[at + c] - colour[c]) < 40) && column[at + 3] > opacity;
+          const isOpaque = at => column[at + 3] > opacity;
+          const isLike = (at, c) => Math.abs(column[at + c] - colour[c]) < 40;
+          const near = at => [0, 1, 2].every(c => isLike(at, c)) && isOpaque(at);
           const rows = new Set();
           for (let at = 0; at < column.length; at += 4) if (near(at)) rows.add(Math.floor(at / 12));
           return [...rows].map(row => plot.posToVal((row - plot.bbox.top) / ratio, "y"));

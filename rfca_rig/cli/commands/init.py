@@ -12,7 +12,7 @@ import typer
 
 from rfca_rig.cli.options import AllowOutside
 from rfca_rig.cli.paths import check_writable, find_shipped, write_twin_rig
-from rfca_rig.cli.terminal import echo
+from rfca_rig.cli.terminal import echo, has_terminal
 from rfca_rig.errors import BadInput
 
 if TYPE_CHECKING:
@@ -184,14 +184,13 @@ def _ask(usual: dict[str, Any], folder: Path, takes_all: bool) -> "RigAnswers":
         err=True,
     )
     asked = iter(range(1, QUESTIONS + 1))
-    # Python has no standard input where the shell closed it (<&-).
-    has_terminal = sys.stdin is not None and sys.stdin.isatty()
+    can_answer = has_terminal()
 
     def ask(question: str, suggestion: str, read: Callable[[str], Any]) -> Any:
         number = next(asked)
         if takes_all:
             return read(suggestion)
-        if has_terminal:
+        if can_answer:
             return typer.prompt(
                 f"{number}/{QUESTIONS} {question}", default=suggestion, value_proc=read
             )

@@ -190,9 +190,8 @@ class ToolTransformation:
     def __str__(self) -> str:
         if self.is_identity:
             return "none"
-        shift, turn = (
-            ", ".join(f"{value:g}" for value in values) for values in (self.shift_mm, self.turn_deg)
-        )
+        shift = ", ".join(f"{value:g}" for value in self.shift_mm)
+        turn = ", ".join(f"{value:g}" for value in self.turn_deg)
         return f"shift {shift} mm, turn {turn} degrees"
 
 

@@ -1,6 +1,5 @@
 """rfca-rig setup motor: compares the settings of a drive with the rig file, and writes them."""
 
-import sys
 from collections import Counter
 from collections.abc import Sequence
 from math import isnan
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rfca_rig.cli.options import Rig
-from rfca_rig.cli.terminal import echo, print_lines, takes_colours
+from rfca_rig.cli.terminal import echo, has_terminal, print_lines, takes_colours
 from rfca_rig.errors import BadInput
 
 if TYPE_CHECKING:
@@ -78,7 +77,7 @@ def motor(
             for line in setup.list_lines(setup.list_wanted()):
                 echo(line)
         return
-    if write and not yes and not _has_terminal():
+    if write and not yes and not has_terminal():
         raise BadInput("--write asks before it writes, and there is no terminal; add --yes")
     with open_setup_bus(described) as (bus, clock):
         setup = _make_setup(described, bus, clock, endpoints)
@@ -98,11 +97,6 @@ def motor(
     if endpoints is not None:
         command += f" --endpoints {endpoints}"
     _conclude(command, rig, settings, write)
-
-
-def _has_terminal() -> bool:
-    # Python has no standard input where the shell closed it (<&-).
-    return sys.stdin is not None and sys.stdin.isatty()
 
 
 def _make_setup(

@@ -1,7 +1,6 @@
 """rfca-rig setup sensor: three pushes and a known mass show how the force sensor is mounted."""
 
 import json
-import sys
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,7 +8,7 @@ import typer
 
 from rfca_rig.cli.commands.doctor import print_finding
 from rfca_rig.cli.options import Fault, Json, Seed
-from rfca_rig.cli.terminal import echo
+from rfca_rig.cli.terminal import echo, has_terminal
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -111,8 +110,7 @@ def sensor(
 def _check_terminal() -> None:
     from rfca_rig.errors import BadInput
 
-    # Python has no standard input where the shell closed it (<&-).
-    if sys.stdin is None or not sys.stdin.isatty():
+    if not has_terminal():
         raise BadInput(
             "setup sensor asks before it writes into the rig file; answer on a terminal, or let it "
             "write by --yes"

@@ -1,13 +1,12 @@
 """rfca-rig setup zero: the zero of the drive's encoder, after a power-up and on the first day."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rfca_rig.cli.options import Fault
-from rfca_rig.cli.terminal import echo
+from rfca_rig.cli.terminal import echo, has_terminal
 
 if TYPE_CHECKING:
     from rfca_rig.bench.zero_check import EncoderReading
@@ -69,10 +68,9 @@ def zero(
     refuse_shipped(path)
     described = read_rig(path)
     encoder_zero = zero_of(described)
-    has_terminal = sys.stdin is not None and sys.stdin.isatty()
-    if check_direction and not has_terminal:
+    if check_direction and not has_terminal():
         raise BadInput("--check-direction needs a terminal: a person turns the leg in between")
-    if not (yes or has_terminal):
+    if not (yes or has_terminal()):
         raise BadInput("there is no terminal to ask before the zero is written; say --yes")
     angle_rad = held_angle_rad(described, at_deg)
     with open_held_motor(described, encoder_zero, parse_faults(described, fault or ())) as held:
