@@ -4,7 +4,7 @@ measurement tools in vehicles, Parquet and Feather of data analysis.
 These packages are the extra `loggers`. Entry point: `find_logger`.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
@@ -77,7 +77,9 @@ def _open_mdf(path: Path) -> Iterator[Mapping[str, StoredArray]]:
 
     with MDF(path) as file:
         arrays: dict[str, StoredArray] = {}
-        for number, group in enumerate(file.groups):
+        # Of two types, for MDF 3 and 4.
+        groups: Sequence[Any] = file.groups
+        for number, group in enumerate(groups):
             names = [channel.name for channel in group.channels]
             master = file.masters_db.get(number)
             for index, channel_name in enumerate(names):
