@@ -106,10 +106,8 @@ def force_rows(samples: ForceSamples) -> Rows:
 
 
 def make_commanded_start(start_s: float, turns_rad: float) -> CommandedStart:
-    """Offsets that make the host's time zero at the start, and bring the shaft angle within one
-    turn of the stage's own.
-    """
-    return CommandedStart(start_s, {"shaft_angle_rad": -turns_rad, HOST_TIME: -start_s})
+    """The start, with the offset that brings the shaft angle within one turn of the stage's own."""
+    return CommandedStart(start_s, {"shaft_angle_rad": -turns_rad})
 
 
 class Recorder:
@@ -289,7 +287,7 @@ class Recorder:
 
 
 def stroke_of(stage: Flap, recorded: RecordedSamples, scale: SensorScale) -> Stroke:
-    """The stroke with raw counts, scale and both clocks of each device."""
+    """The stroke with both clocks of each device."""
     start = make_commanded_start(recorded.start_s, recorded.turns_rad)
     streams = {
         "shaft": make_stream_from_rows(SHAFT_FORM, shaft_rows(recorded.shaft), start),

@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 from rfca_rig.campaign.opening import RECORDING_NAME, open_recordings, open_unsealed
 from rfca_rig.protocol.plan import flap_label
 from rfca_rig.recording import run_folder
-from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name, read_names, read_scale
+from rfca_rig.recording.columns import (
+    ROWS_PER_CHUNK,
+    ColumnForm,
+    link_name,
+    read_form,
+    read_names,
+)
 from rfca_rig.recording.hdf5_file import SEALED
 from rfca_rig.recording.layout import refuse_links, stage_files
 from rfca_rig.recording.model import Recording, Source, StaticStage, Stream
@@ -53,27 +59,23 @@ class Sliceable(Protocol):
 
 @dataclass(frozen=True)
 class StoredColumn:
-    """A column (m,). Its value in `unit` is raw * conversion + offset."""
+    """A column (m,) of numbers in `unit`."""
 
-    raw: Sliceable
+    data: Sliceable
     unit: str
-    conversion: float
-    offset: float
 
     @property
     def is_count(self) -> bool:
-        """Whether it is a whole number without a scale, for instance a sequence number or a
-        status word.
-        """
-        return self.raw.dtype.kind in "iu" and self.conversion == 1.0 and self.offset == 0.0
+        """Whether it holds whole numbers, for instance a sequence number or a status word."""
+        return self.data.dtype.kind in "iu"
 
     def values(self, rows: slice) -> Rows:
         """Values (k,) of these rows in the column's unit; a count stays a whole number."""
-        raw = self.raw[rows]
+        data = self.data[rows]
         # A count as a float would lose digits and its meaning.
         if self.is_count:
-            return raw.astype(np.int64)
-        return raw.astype(np.float64) * self.conversion + self.offset
+            return data.astype(np.int64)
+        return data.astype(np.float64)
 
 
 @dataclass(frozen=True)
@@ -93,18 +95,17 @@ class StoredStream:
 
 @dataclass(frozen=True)
 class DatasetInFile:
-    """Implements Sliceable for a dataset. Damage in what is read raises BadInput that names the
-    file.
+    """Implements Sliceable for a dataset of this layout. Damage in what is read raises BadInput
+    that names the file.
     """
 
     path: Path
     dataset: h5py.Dataset
-    is_time: bool = False
+    form: ColumnForm
 
     @property
     def dtype(self) -> np.dtype[Any]:
-        dtype: np.dtype[Any] = self.dataset.dtype
-        return dtype
+        return self.form.stored_dtype
 
     def __len__(self) -> int:
         return len(self.dataset)
@@ -112,8 +113,8 @@ class DatasetInFile:
     def __getitem__(self, rows: slice, /) -> Rows:
         """Values (k,) of these rows."""
         with report_damage(self.path):
-            values = np.asarray(self.dataset[rows])
-            if self.is_time:
+            values = self.form.values(np.asarray(self.dataset[rows]))
+            if self.form.name == TIME:
                 check_times(self.dataset.parent, values)
             return values
 
@@ -125,16 +126,17 @@ def streams_in_file(path: Path, stage: h5py.Group, source: Source) -> tuple[Stor
     streams = []
     with report_damage(path):
         for name, group in streams_in(stage, source):
-            times = DatasetInFile(path, group[TIME], is_time=True)
+            times = _dataset_in(path, group, TIME)
             columns = {}
             for column in read_names(group.attrs["order"]):
-                columns[column] = _column_in(path, group[link_name(column)])
+                dataset = _dataset_in(path, group, column)
+                columns[column] = StoredColumn(dataset, dataset.form.unit)
             streams.append(StoredStream(name, times, columns))
     return tuple(streams)
 
 
-def _column_in(path: Path, dataset: h5py.Dataset) -> StoredColumn:
-    return StoredColumn(DatasetInFile(path, dataset), *read_scale(dataset))
+def _dataset_in(path: Path, stream: h5py.Group, name: str) -> DatasetInFile:
+    return DatasetInFile(path, stream[link_name(name)], read_form(stream, name))
 
 
 def streams_in_memory(streams: Mapping[str, Stream]) -> tuple[StoredStream, ...]:
@@ -143,7 +145,7 @@ def streams_in_memory(streams: Mapping[str, Stream]) -> tuple[StoredStream, ...]
     for name, stream in streams.items():
         columns = {}
         for key, column in stream.columns.items():
-            columns[key] = StoredColumn(column.raw, column.unit, column.conversion, column.offset)
+            columns[key] = StoredColumn(column.data, column.unit)
         stored.append(StoredStream(name, stream.t_s, columns))
     return tuple(stored)
 

@@ -79,8 +79,8 @@ def _write(stream: StoredStream, zero_s: float, log: can.Listener) -> int:
 def _rows_of(stream: StoredStream, block: slice) -> Rows:
     """Records (m,) of the stream as they were received, times by the clock of the run."""
     form = can_form(is_fd="data2" in stream.columns)
-    raw = {name: column.raw[block] for name, column in stream.columns.items()}
-    rows = np.empty(len(raw["identifier"]), form.dtype)
+    columns = {name: column.data[block] for name, column in stream.columns.items()}
+    rows = np.empty(len(columns["identifier"]), form.dtype)
     for name in form.dtype.names or ():
-        rows[name] = raw[name]
+        rows[name] = columns[name]
     return rows

@@ -463,6 +463,6 @@ def _utc_ns(event: Event) -> int:
 
 
 def _least_delay(stream: StoredStream) -> float:
-    host = stream.columns[HOST_TIME].raw
+    host = stream.columns[HOST_TIME].data
     # Block by block: a stream in a file may be larger than memory.
     return min(float(np.min(host[rows] - stream.t_s[rows])) for rows in stream.blocks())

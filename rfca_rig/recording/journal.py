@@ -18,7 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from rfca_rig.recording.columns import ColumnForm, CommandedStart, Rows, StreamForm, pack_rows
+from rfca_rig.recording.columns import (
+    HOST_TIME,
+    ColumnForm,
+    CommandedStart,
+    Rows,
+    StreamForm,
+    pack_rows,
+)
 from rfca_rig.recording.model import StaticStage
 
 # Mark, kind, a zero byte, length and CRC-32: 12 bytes, little endian (docs/recordings.md).
@@ -194,7 +201,10 @@ def start_block(start: CommandedStart) -> JournalBlock:
 
 def start_of(block: JournalBlock) -> CommandedStart:
     content = json.loads(block.payload)
-    return CommandedStart(content["start_s"], content["offsets"])
+    offsets = dict(content["offsets"])
+    # Journals of earlier versions shift the host's time to the start, too.
+    offsets.pop(HOST_TIME, None)
+    return CommandedStart(content["start_s"], offsets)
 
 
 def samples_block(rows: Sequence[Rows]) -> JournalBlock:

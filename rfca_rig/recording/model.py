@@ -19,19 +19,17 @@ Direction = Literal["loading", "unloading"]
 
 @dataclass(frozen=True)
 class Column:
-    """One recorded quantity as the device gave it: `raw` (m,). Its value in `unit` is raw *
-    conversion + offset.
+    """One recorded quantity: `data` (m,), numbers in `unit`, floating-point or, for counters and
+    status words, whole.
     """
 
-    raw: NDArray[Any]
+    data: NDArray[Any]
     unit: str
-    conversion: float = 1.0
-    offset: float = 0.0
 
     @property
     def values(self) -> Floats:
-        """The quantity in its unit, shape (m,)."""
-        return self.raw.astype(np.float64) * self.conversion + self.offset
+        """The quantity in its unit as floating-point numbers, shape (m,)."""
+        return self.data.astype(np.float64)
 
 
 @dataclass(frozen=True)

@@ -205,7 +205,8 @@ def _fill(made: NewHdf5File, survey: Survey, journal: Path, header: Recording) -
     for stream, rows in _Found().batches(begin, journal):
         target = group[link_name(forms[stream].name)]
         for column in forms[stream].columns:
-            write_rows(target, column.name, filled[stream], rows[column.name])
+            values = column.values(rows[column.name])
+            write_rows(target, column.name, filled[stream], values)
         # One offset for the whole stage: times keep the device's even spacing, free of the jitter
         # of arrival.
         write_rows(

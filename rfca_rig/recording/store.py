@@ -1,4 +1,5 @@
-"""A recording as one HDF5 file, `rfca-recording/1`.
+"""A recording as one HDF5 file, `rfca-recording/2`. Files of the first format hold counts, which
+become values when they are read.
 
     /            attributes format, title, source, sealed
     /believed    JSON text: leg, ground, sensor, drive of the nominal model
@@ -24,7 +25,14 @@ import h5py
 
 from rfca_rig.errors import BadInput
 from rfca_rig.recording import strokes
-from rfca_rig.recording.columns import ROWS_PER_CHUNK, link_name, read_names, read_scale
+from rfca_rig.recording.columns import (
+    FORMAT,
+    FORMAT_OF_COUNTS,
+    ROWS_PER_CHUNK,
+    link_name,
+    read_form,
+    read_names,
+)
 from rfca_rig.recording.hdf5_file import (
     SEALED,
     new_hdf5_file,
@@ -47,7 +55,6 @@ from rfca_rig.recording.strokes import (
 )
 from rfca_rig.recording.tables import CYCLES, NUMBER, read_static, write_static
 
-FORMAT = "rfca-recording/1"
 MOST_TITLE = 1000
 
 
@@ -145,7 +152,7 @@ def open_sealed(path: Path, has_right_seal: bool = False) -> Iterator[tuple[h5py
                     "its checksum is gone from its end, so it was changed after it was written"
                 )
             file_format = file.attrs.get("format")
-            if not isinstance(file_format, str) or file_format != FORMAT:
+            if not isinstance(file_format, str) or file_format not in (FORMAT, FORMAT_OF_COUNTS):
                 if isinstance(file_format, str):
                     description = f"format {str(file_format)[:60]!r}"
                 else:
@@ -282,7 +289,7 @@ def _in_order(group: h5py.Group) -> list[h5py.Group]:
 def _read_through(stream: h5py.Group) -> None:
     for name in (TIME, *read_names(stream.attrs["order"])):
         column = stream[link_name(name)]
-        read_scale(column)
+        read_form(stream, name)
         for at in range(0, len(column), ROWS_PER_CHUNK):
             values = column[at : at + ROWS_PER_CHUNK]
             if name == TIME:

@@ -12,17 +12,19 @@ import h5py
 import numpy as np
 
 from rfca_rig.recording.columns import (
+    ROWS_PER_CHUNK,
     ColumnForm,
     Rows,
     StreamForm,
     check_column,
     column_form_of,
     copy_column,
+    is_of_counts,
     link_name,
     make_column,
     read_column,
+    read_form,
     read_names,
-    read_scale,
 )
 from rfca_rig.recording.model import RawStage, Source, Stream, Stroke
 
@@ -114,7 +116,7 @@ def write_streams(group: h5py.Group, streams: Mapping[str, Stream], source: Sour
     for name, stream in streams.items():
         for column, values in {
             TIME: stream.t_s,
-            **{name: column.raw for name, column in stream.columns.items()},
+            **{name: column.data for name, column in stream.columns.items()},
         }.items():
             write_rows(group[link_name(name)], column, 0, values)
 
@@ -197,19 +199,32 @@ def read_streams(group: h5py.Group, source: Source) -> dict[str, Stream]:
 def copy_streams(
     source_group: h5py.Group, target_group: h5py.Group, source: Source
 ) -> Iterator[None]:
-    """Copies all streams of a stage unchanged, a column per step. Raises ValueError where one is
-    not of the recording's source.
+    """Copies all streams of a stage, a column per step; counts of the first format become values.
+    Raises ValueError where a stream is not of the recording's source.
     """
     groups = dict(streams_in(source_group, source))
     columns = {name: read_names(group.attrs["order"]) for name, group in groups.items()}
     targets = _make_groups(target_group, columns, source)
     for target, (name, group) in zip(targets, groups.items(), strict=True):
-        time = copy_column(group, target, TIME)
+        time = _copy_values(group, target, TIME)
         for column in columns[name]:
-            # Refused here, where the stage's file is known.
-            read_scale(group[link_name(column)])
-            h5py.h5ds.attach_scale(copy_column(group, target, column), time, 0)
+            h5py.h5ds.attach_scale(_copy_values(group, target, column), time, 0)
             yield
+
+
+def _copy_values(source: h5py.Group, target: h5py.Group, name: str) -> h5py.h5d.DatasetID:
+    """Copies a column, as it is packed unless it holds counts."""
+    # Where it makes no sense it is refused here, where the stage's file is known.
+    form = read_form(source, name)
+    if not is_of_counts(source):
+        return copy_column(source, target, name)
+    dataset = source[link_name(name)]
+    copied = make_column(target, form, len(dataset))
+    for at in range(0, len(dataset), ROWS_PER_CHUNK):
+        write_rows(target, name, at, form.values(dataset[at : at + ROWS_PER_CHUNK]))
+    if name == TIME:
+        copied.make_scale(TIME)
+    return copied.id
 
 
 def streams_in(stage: h5py.Group, source: Source) -> Iterator[tuple[str, h5py.Group]]:
@@ -233,16 +248,16 @@ def streams_in(stage: h5py.Group, source: Source) -> Iterator[tuple[str, h5py.Gr
 def _form_of(name: str, stream: Stream) -> StreamForm:
     forms = tuple(column_form_of(name, column) for name, column in stream.columns.items())
     for column, known in stream.columns.items():
-        if known.raw.shape != stream.t_s.shape:
+        if known.data.shape != stream.t_s.shape:
             raise ValueError(
-                f"column {column} has shape {known.raw.shape}, its time {stream.t_s.shape}"
+                f"column {column} has shape {known.data.shape}, its time {stream.t_s.shape}"
             )
     return StreamForm(name, forms)
 
 
 def _read_stream(group: h5py.Group) -> Stream:
     columns = {name: read_column(group, name) for name in read_names(group.attrs["order"])}
-    t_s = read_column(group, TIME).raw
+    t_s = read_column(group, TIME).data
     check_times(group, t_s)
     return Stream(t_s, columns)
 

@@ -157,7 +157,7 @@ def read_static(parent: h5py.Group) -> tuple[StaticStage, ...]:
         "settled",
     ]
     names += [name for name in (BEFORE, "held_s") if name in group]
-    columns = {name: read_column(group, name).raw.tolist() for name in names}
+    columns = {name: read_column(group, name).data.tolist() for name in names}
     texts = {}
     for name in ("direction", *_TEXTS):
         if name in group:
@@ -228,7 +228,7 @@ def cycle_table(recording: Recording) -> CycleTable:
         return np.concatenate([np.zeros(0), *(stream.columns[name].values for stream in streams)])
 
     numbers = np.concatenate(
-        [np.zeros(0, np.uint32), *(stream.columns[NUMBER].raw for stream in streams)]
+        [np.zeros(0, np.uint32), *(stream.columns[NUMBER].data for stream in streams)]
     )
     return CycleTable(
         numbers,

@@ -133,7 +133,7 @@ def test_a_recorded_speed_serves_where_the_angle_is_missing():
 
 def test_the_residual_of_the_models_own_stroke_is_its_noise():
     exact = measured_stroke(2.433)
-    noisy = exact.streams["table"].columns["fz_N"].raw + np.random.default_rng(0).normal(
+    noisy = exact.streams["table"].columns["fz_N"].data + np.random.default_rng(0).normal(
         0.0, 0.15, len(T)
     )
     stroke = traces.stroke(T, noisy, shaft_angle_rad=exact.channel("shaft_angle_rad")[1])

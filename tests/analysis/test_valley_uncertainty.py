@@ -90,7 +90,7 @@ def shorten_angle(stroke, end_s):
     (stream,) = stroke.streams.values()
     kept = stream.t_s <= end_s
     angle = stream.columns["shaft_angle_rad"]
-    shaft = Stream(stream.t_s[kept], {"shaft_angle_rad": Column(angle.raw[kept], angle.unit)})
+    shaft = Stream(stream.t_s[kept], {"shaft_angle_rad": Column(angle.data[kept], angle.unit)})
     force = Stream(stream.t_s, {"fz_N": stream.columns["fz_N"]})
     return replace(stroke, streams={"shaft": shaft, "force": force})
 

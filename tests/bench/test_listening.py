@@ -111,11 +111,11 @@ def test_the_motor_is_never_enabled_moved_or_disabled_and_nothing_is_lost(
     assert {bytes(message.data) for message in listened.received} <= {QUESTIONS.get(make)}
     streams = listened.stage.streams
     frames = streams["can"].columns
-    is_sent = (frames["flags"].raw & SENT) > 0
+    is_sent = (frames["flags"].data & SENT) > 0
     heard = [
         (int(identifier), int(length))
         for identifier, length in zip(
-            frames["identifier"].raw[~is_sent], frames["length"].raw[~is_sent], strict=True
+            frames["identifier"].data[~is_sent], frames["length"].data[~is_sent], strict=True
         )
     ]
     assert heard == [(message.arbitration_id, message.dlc) for message in listened.sent]
@@ -126,7 +126,7 @@ def test_the_motor_is_never_enabled_moved_or_disabled_and_nothing_is_lost(
     # The leg swings freely from where the twin begins.
     assert np.ptp(streams["shaft"].columns["shaft_angle_rad"].values) > 0.2
     assert np.abs(streams["shaft"].columns["motor_torque_Nm"].values).max() < 0.1
-    numbers = streams["force"].columns["rdt_sequence"].raw
+    numbers = streams["force"].columns["rdt_sequence"].data
     assert numbers.tolist() == list(range(1, len(numbers) + 1))
     assert len(numbers) == pytest.approx(7000, abs=40)
 

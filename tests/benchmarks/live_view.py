@@ -291,7 +291,10 @@ def extrema_found(outcome: Outcome) -> tuple[int, int]:
     for side, extreme, sign in (("low", np.min, 1.0), ("high", np.max, -1.0)):
         shown = drawn(outcome, side)
         for stroke in outcome.strokes:
-            start_s = -stroke.streams["force"].columns["host_s"].offset - outcome.timed.began[1]
+            force = stroke.streams["force"]
+            # The record that took the least time to the host shows where the clocks meet.
+            host_start_s = np.min(force.columns["host_s"].values - force.t_s)
+            start_s = host_start_s - outcome.timed.began[1]
             for name, (begins_s, values) in shown.items():
                 t_s, recorded = stroke.channel(name)
                 for piece in np.split(

@@ -44,9 +44,7 @@ def column(names, change):
             streams = {}
             for name, stream in stroke.streams.items():
                 columns = {
-                    key: replace(one, raw=change(one.values), conversion=1.0, offset=0.0)
-                    if key in names
-                    else one
+                    key: replace(one, data=change(one.values)) if key in names else one
                     for key, one in stream.columns.items()
                 }
                 streams[name] = replace(stream, columns=columns)

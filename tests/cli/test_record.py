@@ -74,7 +74,7 @@ def test_frames_are_exported_as_logs_that_python_can_reads(
     frames = stage.streams["can"].columns
     with can.LogReader(out) as reader:
         messages = list(reader)
-    assert [message.arbitration_id for message in messages] == frames["identifier"].raw.tolist()
+    assert [message.arbitration_id for message in messages] == frames["identifier"].data.tolist()
     # The twin's clock begins with the year 2000.
     if ending == "log":
         assert messages[0].timestamp == pytest.approx(946684800.0, abs=1.0)
@@ -119,7 +119,7 @@ def test_a_signal_ends_it_and_the_recording_is_whole(tmp_path, monkeypatch, caps
     (recording,) = open_recordings([tmp_path / "run"])
     (stage,) = recording.raw
     assert not stage.cut_short
-    numbers = stage.streams["force"].columns["rdt_sequence"].raw
+    numbers = stage.streams["force"].columns["rdt_sequence"].data
     assert len(numbers) > 500 and numbers.tolist() == list(range(1, len(numbers) + 1))
 
 
@@ -133,5 +133,5 @@ def test_a_kill_leaves_what_was_recorded(tmp_path, monkeypatch, capsys):
     (recording,) = open_recordings([tmp_path / "run"])
     (stage,) = recording.raw
     assert stage.cut_short
-    numbers = stage.streams["force"].columns["rdt_sequence"].raw
+    numbers = stage.streams["force"].columns["rdt_sequence"].data
     assert len(numbers) > 500 and numbers.tolist() == list(range(1, len(numbers) + 1))

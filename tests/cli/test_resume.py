@@ -355,7 +355,7 @@ def test_events_tell_both_clocks_of_every_part(stopped, monkeypatch, capsys):
     assert resumed["seed"] == np.random.SeedSequence([1, 1]).generate_state(1)[0]
     found = read_recording(run / "run.h5")
     assert [stroke.repeat for stroke in found.strokes] == [1, 2]
-    first, second = (stroke.streams["force"].columns["fz_N"].raw for stroke in found.strokes)
+    first, second = (stroke.streams["force"].columns["fz_N"].data for stroke in found.strokes)
     assert not np.array_equal(first[:500], second[:500])
     assert typed(monkeypatch, capsys, "check", run).exit_code == 0
 

@@ -219,7 +219,7 @@ def crosstalk():
     """A leg whose fz reads a curved share more than it bears, beside a clean catalogue effect."""
     sensed = recorded(RIG, CONDITIONS)
     for stroke in sensed:
-        fz = stroke.streams["table"].columns["fz_N"].raw
+        fz = stroke.streams["table"].columns["fz_N"].data
         fz += 2e-3 * fz * np.abs(fz)
     return found_among(flaps_of(sensed), ["sensor_crosstalk"])
 

@@ -19,7 +19,7 @@ def taken(stroke: Stroke, rows: slice | np.ndarray) -> Stroke:
     """Only these samples of it."""
     table = stroke.streams["table"]
     columns = {
-        name: Column(column.raw[rows], column.unit) for name, column in table.columns.items()
+        name: Column(column.data[rows], column.unit) for name, column in table.columns.items()
     }
     return Stroke(
         stroke.height_m,

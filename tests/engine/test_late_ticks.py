@@ -37,7 +37,7 @@ def swept(tmp_path, hesitant: bool) -> tuple[float, float]:
         clock = Hesitant(bench.clock) if hesitant else bench.clock
         run_plan(one_condition(rig), replace(bench, clock=clock), recorder, nothing)
     shaft = recorder.strokes[0].streams["shaft"]
-    return float(shaft.t_s[-1]), float(np.ptp(shaft.columns["shaft_angle_rad"].raw))
+    return float(shaft.t_s[-1]), float(np.ptp(shaft.columns["shaft_angle_rad"].data))
 
 
 @pytest.mark.slow

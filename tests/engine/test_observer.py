@@ -70,7 +70,8 @@ def test_every_sample_and_every_stage_is_seen(tmp_path):
     assert looking.stages == [(stage, load if stage is flap else None) for stage in plan.stages]
     assert sum(len(tick.force.counts) for tick in looking.ticks) == bench.sensor.health().received
     seen = np.concatenate([tick.force.counts[:, 2] for tick in looking.ticks])
-    recorded = kept.strokes[0].streams["force"].columns["fz_N"].raw
+    fz_N = kept.strokes[0].streams["force"].columns["fz_N"].values
+    recorded = np.round(fz_N * bench.sensor.scale().counts_per_N)
     assert any(
         (seen[at : at + len(recorded)] == recorded).all()
         for at in np.flatnonzero(seen == recorded[0])
@@ -88,8 +89,10 @@ def test_the_start_of_a_stroke_is_that_of_its_recording(tmp_path):
     flaps = [stage for stage in plan.stages if isinstance(stage, Flap)]
     assert [stage for _, stage in looking.starts] == flaps
     for (start_s, _), stroke in zip(looking.starts, kept.strokes, strict=True):
-        # The offset that makes the host's times zero at the commanded start.
-        assert stroke.streams["force"].columns["host_s"].offset == -start_s
+        force = stroke.streams["force"]
+        # The record that took no time to the host shows where the clocks meet.
+        delays_s = force.columns["host_s"].values - force.t_s
+        assert delays_s.min() == pytest.approx(start_s, abs=1e-9)
 
 
 def test_the_tick_that_trips_is_seen_too(tmp_path):

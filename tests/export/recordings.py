@@ -30,9 +30,7 @@ EVENTS = (
 
 
 def streams(start_s: float, records: int, seed: int) -> dict[str, Stream]:
-    """Two devices with times of their own; raw counts with a scale, whole numbers that stand for
-    themselves.
-    """
+    """Two devices with times of their own; forces, and whole numbers that stand for themselves."""
     rng = np.random.default_rng(seed)
     fast = np.arange(records) / 7000.0 - 0.1
     slow = np.arange(records // 14) / 500.0 - 0.1
@@ -43,22 +41,20 @@ def streams(start_s: float, records: int, seed: int) -> dict[str, Stream]:
         "shaft": Stream(
             slow,
             {
-                "shaft_angle_rad": Column(
-                    rng.normal(size=len(slow)), "rad", 1.0, -6.283185307179586
-                ),
-                "host_s": Column(slow + start_s, "s", 1.0, -start_s),
+                "shaft_angle_rad": Column(rng.normal(size=len(slow)), "rad"),
+                "host_s": Column(slow + start_s, "s"),
             },
         ),
         "force": Stream(
             fast,
             {
-                "fy_N": Column(counts[0], "N", 1e-6, 0.0),
-                "fz_N": Column(counts[1], "N", 1e-6, 0.25),
+                "fy_N": Column(1e-6 * counts[0], "N"),
+                "fz_N": Column(1e-6 * counts[1], "N"),
                 "rdt_sequence": Column(
                     np.arange(2**32 - 5, 2**32 - 5 + records, dtype=np.int64), ""
                 ),
                 "status": Column(np.full(records, 0x80020000, dtype=np.uint32), ""),
-                "host_s": Column(fast + start_s + delay, "s", 1.0, -start_s),
+                "host_s": Column(fast + start_s + delay, "s"),
             },
         ),
     }

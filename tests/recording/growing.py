@@ -42,7 +42,7 @@ FORCE = StreamForm(
     ),
 )
 FORMS = (SHAFT, FORCE)
-START = CommandedStart(100.25, {"shaft_angle_rad": -6.25, "host_s": -100.25})
+START = CommandedStart(100.25, {"shaft_angle_rad": -6.25})
 TICKS = 12
 PER_TICK = 14
 SPEED = 2.433

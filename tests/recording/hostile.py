@@ -19,6 +19,7 @@ import h5py
 import numpy as np
 
 from rfca_rig.recording.journal import MAX_BLOCK_BYTES, BlockKind, JournalBlock, frame_block
+from tests.recording.first_format import turn_into_first_format
 from tests.recording.growing import begun
 
 CANARY = b"canary-7f3a-of-somebody-else"
@@ -87,7 +88,7 @@ def replaced(file: h5py.File, name: str = FZ, **made) -> h5py.Dataset:
     old = dict(file[name].attrs)
     del file[name]
     new = file.create_dataset(name, **made)
-    for key in ("units", "conversion", "offset", "long_name"):
+    for key in ("units", "long_name"):
         new.attrs[key] = old[key]
     return new
 
@@ -226,7 +227,7 @@ def packed_twice(file, secret):
         file[TABLE].id, b"fz_N", h5py.h5t.NATIVE_DOUBLE, h5py.h5s.create_simple((211,)), plist
     )
     new = h5py.Dataset(made)
-    for key in ("units", "conversion", "offset", "long_name"):
+    for key in ("units", "long_name"):
         new.attrs[key] = old[key]
     new.id.write_direct_chunk((0,), zlib.compress(_deflated_zeros(1 << 30), 9))
 
@@ -379,17 +380,32 @@ def a_repeat_of_infinity(file, secret):
 
 @of_file
 def a_conversion_of_nan(file, secret):
+    turn_into_first_format(file)
     file[FZ].attrs["conversion"] = np.nan
 
 
 @of_file
 def an_offset_of_infinity(file, secret):
+    turn_into_first_format(file)
     file[FZ].attrs["offset"] = np.inf
 
 
 @of_file
 def a_conversion_of_text(file, secret):
+    turn_into_first_format(file)
     file[FZ].attrs["conversion"] = "one"
+
+
+@of_file
+def a_conversion_of_zero(file, secret):
+    turn_into_first_format(file)
+    file[FZ].attrs["conversion"] = 0.0
+
+
+@of_file
+def counts_without_conversion(file, secret):
+    turn_into_first_format(file)
+    del file[FZ].attrs["conversion"]
 
 
 @of_file
@@ -455,7 +471,7 @@ def column_of_bitfield(file, secret):
         file[TABLE].id, b"fz_N", h5py.h5t.STD_B64LE, h5py.h5s.create_simple((211,))
     )
     for key, value in old.items():
-        if key in ("units", "conversion", "offset"):
+        if key == "units":
             h5py.Dataset(made).attrs[key] = value
 
 
@@ -572,8 +588,7 @@ def _with_filter(file: h5py.File, code: int, values: tuple[int, ...]) -> None:
     made = h5py.h5d.create(
         file[TABLE].id, b"fz_N", h5py.h5t.NATIVE_DOUBLE, h5py.h5s.create_simple((211,)), plist
     )
-    for key in ("units", "conversion", "offset"):
-        h5py.Dataset(made).attrs[key] = old[key]
+    h5py.Dataset(made).attrs["units"] = old["units"]
     made.write_direct_chunk((0,), held.tobytes())
 
 

@@ -37,10 +37,5 @@ def _assert_same_stream(one: Stream, other: Stream) -> None:
     assert list(one.columns) == list(other.columns)
     for name, column in one.columns.items():
         its = other.columns[name]
-        assert (column.unit, column.conversion, column.offset, column.raw.dtype) == (
-            its.unit,
-            its.conversion,
-            its.offset,
-            its.raw.dtype,
-        )
-        np.testing.assert_array_equal(column.raw, its.raw)
+        assert (column.unit, column.data.dtype) == (its.unit, its.data.dtype)
+        np.testing.assert_array_equal(column.data, its.data)

@@ -1,6 +1,4 @@
-"""Recordings as the rig makes them: counts from the sensor, floats from the drive, each with its
-own time.
-"""
+"""Recordings as the rig makes them: of the sensor and of the drive, each with its own time."""
 
 import math
 
@@ -16,7 +14,7 @@ def stroke(repeat: int, samples: int = 300, seed: int = 1) -> Stroke:
     t_s = -0.1 + np.arange(samples) / 7000.0
     counts = rng.integers(-(2**31), 2**31 - 1, (samples, 6), dtype=np.int32)
     force = {
-        name: Column(counts[:, i], name.split("_")[1].replace("Nm", "N m"), 1e-6, 0.25)
+        name: Column(1e-6 * counts[:, i], name.split("_")[1].replace("Nm", "N m"))
         for i, name in enumerate(WRENCH)
     }
     force["sequence"] = Column(np.arange(samples, dtype=np.int64), "")

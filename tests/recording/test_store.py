@@ -27,7 +27,7 @@ def test_a_recording_without_strokes_stages_or_samples_comes_back(tmp_path: Path
         0.2,
         3.0,
         1,
-        {"force": Stream(np.array([]), {"fz_N": Column(np.array([], dtype=np.int32), "N", 2.0)})},
+        {"force": Stream(np.array([]), {"fz_N": Column(np.array([], dtype=np.int32), "N")})},
     )
     for written in (recording(0, 0), dataclasses.replace(recording(0, 0), strokes=(empty,))):
         assert_same(read_recording(write_recording(written, tmp_path / "run.h5")), written)
@@ -98,12 +98,15 @@ def test_any_column_name_survives(tmp_path: Path, name: str):
         }
 
 
-def test_other_programs_find_time_units_and_scale(tmp_path: Path):
+def test_other_programs_find_time_units_and_values(tmp_path: Path):
     with h5py.File(write_recording(recording(), tmp_path / "run.h5")) as file:
         fz = file["strokes/001/force/fz_N"]
         assert fz.dims[0][0] == file["strokes/001/force/t_s"]
-        assert fz.dtype == np.int32
-        assert (fz.attrs["units"], fz.attrs["conversion"], fz.attrs["offset"]) == ("N", 1e-6, 0.25)
+        assert (fz.dtype, fz.attrs["units"]) == (np.float64, "N")
+        expected = recording().strokes[0].streams["force"].columns["fz_N"]
+        np.testing.assert_array_equal(fz[:], expected.values)
+        # Nothing that another program could multiply the values with once more.
+        assert not {"conversion", "offset", "scale_factor", "add_offset"} & set(fz.attrs)
         assert (fz.compression, fz.compression_opts, fz.shuffle) == ("gzip", 1, True)
         assert file["strokes/001/force/t_s"].attrs["units"] == "s"
         assert file.attrs["source"] == file["strokes/001/force"].attrs["source"] == "SIM"
@@ -112,8 +115,8 @@ def test_other_programs_find_time_units_and_scale(tmp_path: Path):
 
 def test_columns_that_are_not_rows_of_numbers_are_refused_and_nothing_is_left(tmp_path: Path):
     t_s = np.array([0.0, 1.0])
-    for raw in (np.array(["a", "b"]), np.zeros((2, 2)), np.zeros(3)):
-        bad = Stroke(0.2, 3.0, 1, {"force": Stream(t_s, {"fz_N": Column(raw, "N")})})
+    for data in (np.array(["a", "b"]), np.zeros((2, 2)), np.zeros(3)):
+        bad = Stroke(0.2, 3.0, 1, {"force": Stream(t_s, {"fz_N": Column(data, "N")})})
         with pytest.raises(ValueError, match="fz_N"):
             write_recording(
                 dataclasses.replace(recording(0, 0), strokes=(bad,)), tmp_path / "run.h5"
@@ -187,9 +190,9 @@ def test_files_of_another_kind_are_refused(tmp_path: Path):
         file["x"] = 1
     assert "without format attribute" in refusal(tmp_path / "foreign.h5")
     with h5py.File(tmp_path / "newer.h5", "w") as file:
-        file.attrs["format"] = "rfca-recording/2"
+        file.attrs["format"] = "rfca-recording/3"
     assert (
-        "'rfca-recording/2', where a recording of format 'rfca-recording/1' is needed"
+        "'rfca-recording/3', where a recording of format 'rfca-recording/2' is needed"
         in refusal(tmp_path / "newer.h5")
     )
     assert "is not there" in refusal(tmp_path / "absent.h5")

@@ -109,8 +109,8 @@ def assert_whole(found: Recording) -> None:
     for raw in cut_short:
         for name, stream in streams(IN_FLIGHT).items():
             for column, known in stream.columns.items():
-                there = raw.streams[name].columns[column].raw
-                np.testing.assert_array_equal(there, known.raw[: len(there)])
+                there = raw.streams[name].columns[column].data
+                np.testing.assert_array_equal(there, known.data[: len(there)])
 
 
 @pytest.mark.slow

@@ -141,6 +141,6 @@ def clocked(ppm, jitter_s, seconds=60.0, restarts=False):
     device_s = (host_s - rng.uniform(0.0, jitter_s, len(host_s))) * (1.0 + 1e-6 * ppm) + 5.0
     if restarts:
         device_s[host_s < 0.5 * seconds] += 100.0
-    columns = {"host_s": Column(host_s, "s", 1.0, -3.0), "device_s": Column(device_s, "s")}
+    columns = {"host_s": Column(host_s, "s"), "device_s": Column(device_s, "s")}
     stage = RawStage("hold", 0.215, {"force": Stream(host_s - 3.0, columns)})
     return Recording("clocks", "SIM", {}, {}, (), (), {}, (stage,))

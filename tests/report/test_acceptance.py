@@ -166,8 +166,8 @@ def test_only_the_phases_that_the_file_names_are_compared(tmp_path, tolerances):
         streams = {}
         for name, stream in stroke.streams.items():
             force = stream.columns["fz_N"]
-            raw = np.where(np.abs(stream.t_s + 0.05) < 0.013, force.raw + 30.0, force.raw)
-            columns = {**stream.columns, "fz_N": replace(force, raw=raw)}
+            data = np.where(np.abs(stream.t_s + 0.05) < 0.013, force.data + 30.0, force.data)
+            columns = {**stream.columns, "fz_N": replace(force, data=data)}
             streams[name] = replace(stream, columns=columns)
         pushed.append(replace(stroke, streams=streams))
     assert not compare_within(tmp_path / "some", pushed, tolerances).failed

@@ -124,14 +124,12 @@ ANGLE_APART_DEG = 2.0
 
 
 def shaft_in_file(run_h5: Path, stroke: int) -> tuple[np.ndarray, np.ndarray]:
-    """Host times in s and angles in deg of a stroke as another program reads them from the file:
-    each number with the factor and the offset that stand beside it.
+    """Host times in s and angles in deg of a stroke as another program reads them from the
+    file.
     """
     with h5py.File(run_h5) as file:
         shaft = file[f"strokes/{stroke:03}/shaft"]
-        angle = shaft["shaft_angle_rad"]
-        angle_rad = angle[()] * angle.attrs["conversion"] + angle.attrs["offset"]
-        return shaft["host_s"][()], np.degrees(angle_rad)
+        return shaft["host_s"][()], np.degrees(shaft["shaft_angle_rad"][()])
 
 
 def angle_under_mouse(watched: WatchedPage, at_s: float) -> float:

@@ -120,7 +120,9 @@ def _shortest_delays(stream: Stream) -> Iterator[tuple[float, float]]:
     """Host and device time in s of the sample with the shortest delay in each block."""
     if HOST_TIME not in stream.columns or DEVICE_TIME not in stream.columns:
         return
-    host_s, device_s = (_clock_time(stream, name) for name in (HOST_TIME, DEVICE_TIME))
+    # By clocks that all stages share.
+    host_s = stream.columns[HOST_TIME].values
+    device_s = stream.columns[DEVICE_TIME].values
     if not len(host_s):
         return
     block = ((host_s - host_s[0]) // BLOCK_S).astype(int)
@@ -129,14 +131,6 @@ def _shortest_delays(stream: Stream) -> Iterator[tuple[float, float]]:
         of_it = np.flatnonzero(block == number)
         best = int(of_it[np.argmin(late_s[of_it])])
         yield float(host_s[best]), float(device_s[best])
-
-
-def _clock_time(stream: Stream, name: str) -> Floats:
-    """Times (m,) in s without the column's offset, which refers to the start of the stage: all
-    stages share one clock then.
-    """
-    column = stream.columns[name]
-    return np.asarray(column.raw.astype(np.float64) * column.conversion)
 
 
 def stages_table(story: RunStory) -> Table:

@@ -61,7 +61,7 @@ def begin_later(recording, by_s):
         for name, stream in stroke.streams.items():
             kept = stream.t_s >= stream.t_s[0] + by_s
             columns = {
-                column: replace(values, raw=values.raw[kept])
+                column: replace(values, data=values.data[kept])
                 for column, values in stream.columns.items()
             }
             streams[name] = replace(stream, t_s=stream.t_s[kept], columns=columns)
@@ -93,8 +93,7 @@ def turn_otherwise(recording, by_rad):
             if "shaft_angle_rad" in columns:
                 angle = columns["shaft_angle_rad"]
                 pulse = np.exp(-(((stream.t_s - 0.5) / 0.1) ** 2))
-                raw = angle.raw - by_rad * pulse / angle.conversion
-                columns["shaft_angle_rad"] = replace(angle, raw=raw)
+                columns["shaft_angle_rad"] = replace(angle, data=angle.data - by_rad * pulse)
             streams[name] = replace(stream, columns=columns)
         strokes.append(replace(stroke, streams=streams))
     return replace(recording, strokes=tuple(strokes))
