@@ -85,11 +85,14 @@ class ColumnForm:
         """
         if self.is_physical:
             return raw
-        values: Floats = raw.astype(np.float64) * self.conversion + self.offset
         if raw.dtype.kind == "f":
-            return values
+            return raw * np.float64(self.conversion) + self.offset
         step = 2.0 ** math.floor(math.log2(ROUNDING_COUNTS * abs(self.conversion)))
-        return np.round(values / step) * step
+        # Division by a power of two is exact.
+        steps: Floats = raw * np.float64(self.conversion / step) + self.offset / step
+        np.rint(steps, out=steps)
+        steps *= step
+        return steps
 
 
 @dataclass(frozen=True)
