@@ -1,13 +1,13 @@
 """`diagnose`: a problem in, the whole answer out, whatever the kind of the rig."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rfca_rig.diagnosis.budget import UNLIMITED, TimeBudget
 from rfca_rig.diagnosis.config import describe_exclusions
 from rfca_rig.diagnosis.inference.model_selection import Progress
-from rfca_rig.diagnosis.problem import FileWriter, Problem
+from rfca_rig.diagnosis.problem import DecidedSearch, FileWriter, Problem
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.executors.cores import single_threaded_blas
 from rfca_rig.protocol.plan import Limits
@@ -24,10 +24,13 @@ class Answer:
     writers
         Write the files with which a user goes on: the model with what is stated, the next
         experiment, the measured law.
+    searches
+        The searches that it rests on, by what was searched.
     """
 
     diagnosis: Diagnosis
     writers: tuple[FileWriter, ...]
+    searches: Mapping[str, DecidedSearch]
 
     def write_files(self, folder: Path) -> list[str]:
         """Write these files into `folder`, which exists, and remove those of an earlier answer that
@@ -93,4 +96,5 @@ def diagnose(
     def write_model(folder: Path) -> Sequence[str]:
         return solution.write_model(folder, diagnosis)
 
-    return Answer(diagnosis, (write_model, law.write_files, experiment.write_files))
+    writers = (write_model, law.write_files, experiment.write_files)
+    return Answer(diagnosis, writers, solution.searches)

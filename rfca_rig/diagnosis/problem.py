@@ -180,6 +180,13 @@ class RecordingPair:
 class Solution(ABC):
     """The decided searches in the recordings of a problem."""
 
+    @property
+    @abstractmethod
+    def searches(self) -> Mapping[str, DecidedSearch]:
+        """The searches by what was searched: `forces` and `shaft` of a leg, `motion` of a
+        mechanism.
+        """
+
     @abstractmethod
     def describe(self) -> Diagnosis:
         """The answer, without the next experiment and without a measured law."""

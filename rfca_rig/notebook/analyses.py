@@ -1,19 +1,24 @@
 """Report, fit and diagnosis of recordings, with results as tables and pictures."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from rfca_rig import __version__
 from rfca_rig.clock import WallClock
 from rfca_rig.diagnosis.budget import allow_minutes
 from rfca_rig.diagnosis.diagnose import diagnose as diagnose_problem
 from rfca_rig.diagnosis.opening import open_problem
-from rfca_rig.diagnosis.problem import Fit, FitOptions, Problem, Row
+from rfca_rig.diagnosis.posterior_draws import draw_rivals
+from rfca_rig.diagnosis.problem import DecidedSearch, Fit, FitOptions, Problem, Row
 from rfca_rig.diagnosis.reference.problem import add_reference
 from rfca_rig.diagnosis.result import Diagnosis
 from rfca_rig.errors import BadInput
 from rfca_rig.model.catalogue import catalogue, families_of
+from rfca_rig.notebook.datatree import CHAINS, make_datatree
 from rfca_rig.notebook.recordings import (
     OpenedRecordings,
     html_table,
@@ -27,6 +32,7 @@ from rfca_rig.reports.problems import ComparisonOptions, write_comparison
 
 if TYPE_CHECKING:
     import pandas
+    import xarray
     from matplotlib.axes import Axes
 
 Source = OpenedRecordings | str | Path
@@ -41,9 +47,12 @@ class DiagnosisResult:
     ----------
     diagnosis
         The whole answer as plain values.
+    searches
+        The searches that it rests on, by what was searched.
     """
 
     diagnosis: Diagnosis
+    searches: Mapping[str, DecidedSearch] = field(repr=False)
 
     @property
     def grade(self) -> str:
@@ -93,6 +102,50 @@ class DiagnosisResult:
         """Write diagnosis.html, diagnosis.json and the tables into `folder`; returns the page."""
         write_diagnosis(self.diagnosis, Path(folder))
         return Path(folder) / "diagnosis.html"
+
+    def to_datatree(
+        self, search: str = "", draws: int = 500, seed: int = 0, least_probability: float = 0.01
+    ) -> "xarray.DataTree":
+        """Draws from the posterior in the groups that ArviZ reads, for its plots and comparisons.
+
+        The groups at the root are those of the explanation that the answer rests on; below `rivals`
+        are the groups of each set of effects, which has its probability as an attribute. Groups are
+        posterior, prior, posterior_predictive, held_out_predictive, log_likelihood by condition,
+        observed_data and constant_data.
+
+        Parameters
+        ----------
+        search
+            Which search, by its name in `searches`; the first if empty.
+        draws
+            Draws of each of four chains. All are independent.
+        seed
+            Of the draws.
+        least_probability
+            Of the rivals that are included.
+
+        Raises
+        ------
+        BadInput
+            For a search that there is not, or without xarray.
+        """
+        name = search or next(iter(self.searches))
+        if name not in self.searches:
+            known = ", ".join(self.searches)
+            raise BadInput(f"search {name!r} was not made; there are {known}")
+        random = np.random.default_rng(seed)
+        finding = self.searches[name]
+        rivals = draw_rivals(finding, least_probability, CHAINS * draws, random)
+        described = {
+            "title": self.diagnosis.title,
+            "grade": self.grade,
+            "sentence": self.sentence,
+            "search": name,
+            "seed": seed,
+            "inference_library": "rfca-rig",
+            "inference_library_version": __version__,
+        }
+        return make_datatree(finding.search.dataset.rows, rivals, described)
 
     def plot(self, number: int = 0, ax: "Axes | None" = None) -> "Axes":
         """Draw one measured signal with the nominal and the amended model into `ax`, or into a
@@ -246,7 +299,7 @@ def diagnose(
     with show_progress("diagnosis", progress) as move:
         budget = allow_minutes(WallClock(), minutes)
         answer = diagnose_problem(problem, move, without, law_at, budget=budget)
-        return DiagnosisResult(answer.diagnosis)
+        return DiagnosisResult(answer.diagnosis, answer.searches)
 
 
 def fit(

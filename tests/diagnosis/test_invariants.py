@@ -408,7 +408,7 @@ def test_every_entry_point_limits_linear_algebra_to_one_thread_and_is_watched(en
     "wrap",
     [
         lambda diagnosis: diagnosis,
-        lambda diagnosis: Answer(diagnosis, ()),
+        lambda diagnosis: Answer(diagnosis, (), {}),
     ],
     ids=["diagnosis", "answer"],
 )

@@ -103,6 +103,14 @@ class LegSolution(Solution):
     findings: LegFindings
     recording: Recording
 
+    @property
+    def searches(self) -> Mapping[str, DecidedSearch]:
+        """The search in the forces, and that in the motion of the shaft, where there was one."""
+        searches = {"forces": self.findings.forces}
+        if self.findings.shaft is not None:
+            searches["shaft"] = self.findings.shaft
+        return searches
+
     def describe(self) -> Diagnosis:
         """The answer: forces and shaft together, with valleys and the place of a free force."""
         diagnosis = build_leg_result(self.prepared, self.findings)

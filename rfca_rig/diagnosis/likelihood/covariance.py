@@ -235,6 +235,15 @@ class DiscrepancyWhitening:
             ) @ block.back.T
         return np.asarray(covariance)
 
+    def draw(self, draws: int, random: np.random.Generator) -> Floats:
+        """Deviations (draws, m) of covariance C(s)."""
+        deviations = random.normal(size=(draws, self.basis.scatter.shape[1])) @ self.basis.scatter.T
+        for block in self.basis.blocks:
+            independent = random.normal(size=(draws, len(block.of)))
+            sizes = np.sqrt(1.0 + self.s**2 * block.strength)
+            deviations[:, block.of] += (independent * sizes) @ block.back.T
+        return np.asarray(deviations)
+
     def variance(self) -> Floats:
         """The diagonal of C(s), (m,)."""
         variance = (self.basis.scatter**2).sum(axis=1)

@@ -15,7 +15,7 @@ rows, the rows o are normal with precision P_oo. So the information of the other
 (P J)_o^T P_oo^-1 (P J)_o, and only P is needed.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -264,18 +264,30 @@ def loo_estimates(
     """Posterior means of the unknowns (conditions, p), each from all rows but those of one
     condition of `left_out`.
     """
+    means = [mean for mean, _ in loo_posteriors(linear, whitening, condition, left_out)]
+    return np.array(means).reshape(len(means), linear.jacobian.shape[1])
+
+
+def loo_posteriors(
+    linear: LinearModel,
+    whitening: DiscrepancyWhitening,
+    condition: NDArray[np.intp],
+    left_out: Iterable[int],
+) -> Iterator[tuple[Floats, Floats]]:
+    """Posterior mean (p,) and covariance (p, p) of the unknowns from all rows but those of one
+    condition, for each of `left_out`.
+    """
     # Jacobian and target side by side: one product with C^-1 gives both sides of the normal
     # equations.
     both = np.column_stack([linear.jacobian, linear.target])
     unknowns = linear.jacobian.shape[1]
     weighted = whitening.apply_precision(both)
-    means = []
     for number in left_out:
         products, _ = products_without(both, weighted, whitening, condition == number)
         # The identity is the prior: every unknown is standard normal.
         precision = products[:unknowns, :unknowns] + np.eye(unknowns)
-        means.append(np.linalg.solve(precision, products[:unknowns, unknowns]))
-    return np.array(means).reshape(len(means), unknowns)
+        mean = np.linalg.solve(precision, products[:unknowns, unknowns])
+        yield np.asarray(mean), np.asarray(np.linalg.inv(precision), dtype=np.float64)
 
 
 def jackknife_std(

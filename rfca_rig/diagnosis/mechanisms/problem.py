@@ -86,6 +86,11 @@ class MechanismSolution(Solution):
     finding: DecidedSearch
     short: PreparedMechanism
 
+    @property
+    def searches(self) -> Mapping[str, DecidedSearch]:
+        """The search in the motion."""
+        return {"motion": self.finding}
+
     @cached_property
     def plant(self) -> Plant:
         """The mechanism with the stated effects; effects and nuisance parameters are at their

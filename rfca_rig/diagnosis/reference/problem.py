@@ -100,6 +100,11 @@ class ReferenceSolution(Solution):
     omission: tuple[str, ...] = ()
     shared: tuple[str, ...] = ()
 
+    @property
+    def searches(self) -> Mapping[str, DecidedSearch]:
+        """The search for what has changed."""
+        return {"changes": self.finding}
+
     def describe(self) -> Diagnosis:
         """The answer as a change, and apart from it what both recordings have."""
         diagnosis = self.inner.describe()
