@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from rfca_rig.notebook.recordings import open_path as open
     from rfca_rig.notebook.rig import Rig as Rig
     from rfca_rig.notebook.rig import simulate as simulate
+    from rfca_rig.notebook.runs import runs as runs
     from rfca_rig.public_data import library as datasets
 
 __version__ = "0.1.0"
@@ -34,6 +35,7 @@ _PLACES = {
     "plan": "rfca_rig.notebook.experiments",
     "report": "rfca_rig.notebook.analyses",
     "run": "rfca_rig.notebook.experiments",
+    "runs": "rfca_rig.notebook.runs",
     "simulate": "rfca_rig.notebook.rig",
 }
 __all__ = [
@@ -47,6 +49,7 @@ __all__ = [
     "plan",
     "report",
     "run",
+    "runs",
     "simulate",
 ]
 

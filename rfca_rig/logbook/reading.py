@@ -104,6 +104,14 @@ def _of_run(path: Path, folder: str) -> Entry:
     )
 
 
+def read_provenance(run: Path) -> dict[str, str]:
+    """The provenance in the header of a run that is listed as sound; none for other recordings."""
+    if not (run / HEADER).is_file():
+        return {}
+    provenance: dict[str, str] = json.loads(_read_bytes(run / HEADER))["provenance"]
+    return provenance
+
+
 def _whole_lines(path: Path) -> str:
     if not path.is_file():
         return ""

@@ -32,6 +32,7 @@ NAMES = [
     "plan",
     "report",
     "run",
+    "runs",
     "simulate",
 ]
 
