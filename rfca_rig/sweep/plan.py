@@ -17,6 +17,16 @@ independent samples serve; no pairs of sample matrices are needed. The standard 
 bootstrap of the cases. Points of a hypercube or a Sobol sequence are more even than the independent
 points of a bootstrap, so it is rather too large. The rest of 1 after all S_i is due to interactions
 of parameters.
+
+SALib has RBD-FAST for the same index from any samples. On Ishigami's function, over 20 seeds, both
+scatter alike with hypercubes (0.02 to 0.03 with 512 points). With Sobol points, the default here,
+RBD-FAST scatters by up to 0.11 and this estimate by up to 0.02 with 128 and 512 points. SALib's
+Sobol method needs pairs of sample matrices, n (p + 2) cases for p quantities.
+
+References
+----------
+Tarantola, Gatelli, Mara, Reliab. Eng. Syst. Saf. 91 (2006) 717 (random balance designs).
+Ishigami, Homma, Proc. ISUMA (1990) 398.
 """
 
 import hashlib
