@@ -1,9 +1,4 @@
-"""Columns of a bag, `topic:field`, on one time base: the times of the messages of the first signal.
-
-Other columns are interpolated linearly to these times. Times outside the range of any column are
-omitted. So are times in a gap of a column, where two of its samples are further apart than a bin.
-The cutting of windows then finds the gap.
-"""
+"""Columns of a bag, `topic:field`, on the time base of the first signal."""
 
 from collections import defaultdict
 from collections.abc import Mapping
@@ -11,10 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rfca_rig.campaign.bags import (
-    NS_PER_S,
     Bag,
     JointNotNamed,
     MessageField,
@@ -32,14 +25,10 @@ from rfca_rig.campaign.recorded_columns import (
     RecordedColumns,
     finite_or_none,
 )
-from rfca_rig.campaign.table import FEWEST_SAMPLES, MANY_SAME, describe_step_back
+from rfca_rig.campaign.time_base import LOG_TIME, NS_PER_S, TimedColumn, join_columns
 from rfca_rig.errors import BadInput
 from rfca_rig.suggestions import suggestion
 
-Floats = NDArray[np.float64]
-
-# Value of [time] column for the time at which the recorder received a message.
-LOG_TIME = "log time"
 HEADER_STAMP = "header.stamp"
 
 
@@ -50,17 +39,6 @@ class _Column:
     name: str
     topic: str
     field: MessageField
-
-
-@dataclass(frozen=True)
-class _Series:
-    """Times (k,) from the first sample of the time base, and values (k,); `repeated` says which
-    stamps were left out.
-    """
-
-    t_s: Floats
-    values: Floats
-    repeated: str = ""
 
 
 def read_bag_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
@@ -74,21 +52,8 @@ def read_bag_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
     """
     with open_bag(path) as bag:
         columns = [_find_column(bag, name, meaning) for name, meaning in request.holds.items()]
-        series = _read_series(bag, columns, request)
-    base = series[columns[0].name]
-    covered = np.ones(len(base.t_s), dtype=bool)
-    for column in series.values():
-        covered &= _reaches(column.t_s, base.t_s, request.longest_gap_s)
-    if covered.sum() < FEWEST_SAMPLES:
-        raise BadInput(
-            f"{path}: {covered.sum()} samples of {columns[0].name} lie where all columns "
-            "were recorded without a gap above "
-            f"{request.longest_gap_s:g} s, which is windows.bin_s; needs {FEWEST_SAMPLES} or more"
-        )
-    t_s = base.t_s[covered]
-    values = {name: np.interp(t_s, column.t_s, column.values) for name, column in series.items()}
-    notes = dict.fromkeys(column.repeated for column in series.values() if column.repeated)
-    return RecordedColumns(path, t_s, values, notes=tuple(notes))
+        timed = _read_messages(bag, columns, request)
+    return join_columns(path, timed, request)
 
 
 def list_bag_columns(path: Path) -> ColumnList:
@@ -168,8 +133,8 @@ def _parse_stamp(bag: Bag, time: str, unit_ns: int) -> MessageField | None:
     return None
 
 
-def _read_series(bag: Bag, columns: list[_Column], request: ColumnRequest) -> dict[str, _Series]:
-    """Every column by its name, with its own times."""
+def _read_messages(bag: Bag, columns: list[_Column], request: ColumnRequest) -> list[TimedColumn]:
+    """Every column with its own times."""
     unit_ns = round(TIME_UNITS[request.time.unit] * NS_PER_S)
     stamp = _parse_stamp(bag, request.time.column, unit_ns)
     of_topic: dict[str, list[_Column]] = defaultdict(list)
@@ -199,37 +164,21 @@ def _read_series(bag: Bag, columns: list[_Column], request: ColumnRequest) -> di
                 f"{bag.path}: column {column.name}: no message names it; "
                 f"{_suggest_name(bag, column)}"
             )
-    zero_ns = times_ns[columns[0].name][0]
-    series = {}
-    for column in columns:
-        of_column = np.array(values[column.name])
-        series[column.name] = _make_series(
-            bag.path, column, np.array(times_ns[column.name]), of_column, zero_ns, request
+    if request.time.column == LOG_TIME:
+        other = HEADER_STAMP
+    else:
+        other = LOG_TIME
+    hint = f'are the times of [time] column = "{other}" better?'
+    return [
+        TimedColumn(
+            column.name,
+            f"topic {column.topic}",
+            np.array(times_ns[column.name]),
+            np.array(values[column.name]),
+            hint,
         )
-    return series
-
-
-def _make_series(
-    path: Path,
-    column: _Column,
-    times_ns: NDArray[np.int64],
-    values: Floats,
-    zero_ns: int,
-    request: ColumnRequest,
-) -> _Series:
-    """A column's times (k,) and values (k,), without messages that repeat a stamp, as those of a
-    node that republishes do. Raises BadInput as `_check_times`.
-    """
-    is_new = np.append(True, np.diff(times_ns) != 0)
-    repeats = len(times_ns) - int(is_new.sum())
-    note = ""
-    if 0 < repeats < MANY_SAME * len(times_ns):
-        note = f"topic {column.topic}: {repeats} messages repeat a stamp and are left out"
-        times_ns = times_ns[is_new]
-        values = values[is_new]
-    _check_times(path, column.name, times_ns, request)
-    # Subtracted as integers: a float of seconds since 1970 resolves only 0.2 us.
-    return _Series((times_ns - zero_ns) / NS_PER_S, values, note)
+        for column in columns
+    ]
 
 
 def _append(
@@ -260,45 +209,3 @@ def _suggest_name(bag: Bag, column: _Column) -> str:
     if names:
         return suggestion(asked, names)
     return "the list of names is empty"
-
-
-def _check_times(
-    path: Path, name: str, times_ns: NDArray[np.int64], request: ColumnRequest
-) -> None:
-    """Raises BadInput where time does not run forwards, or the median step is longer than a bin."""
-    steps_s = np.diff(times_ns) / NS_PER_S
-    backwards = np.flatnonzero(steps_s <= 0.0)
-    if backwards.size:
-        row = int(backwards[0]) + 1
-        if request.time.column == LOG_TIME:
-            other = HEADER_STAMP
-        else:
-            other = LOG_TIME
-        # From the first one, since a float of seconds since 1970 resolves only 0.2 us.
-        since_first_s = (times_ns - times_ns[0]) / NS_PER_S
-        raise BadInput(
-            f"{path}: column {name}, sample {row + 1}: time does not run forwards: "
-            f"{describe_step_back(since_first_s, row)}; "
-            f'are the times of [time] column = "{other}" better?'
-        )
-    if steps_s.size and np.median(steps_s) > request.longest_gap_s:
-        raise BadInput(
-            f"{path}: column {name}: samples come {np.median(steps_s):.3g} s apart, more "
-            f"than windows.bin_s = {request.longest_gap_s:g} s; "
-            "lengthen bin_s"
-        )
-
-
-def _reaches(t_s: Floats, base_s: Floats, longest_gap_s: float) -> NDArray[np.bool_]:
-    """Which times of the base have a sample of the series, or two neighbouring samples that are
-    close enough to interpolate.
-    """
-    after = np.searchsorted(t_s, base_s)
-    inside = (after > 0) & (after < len(t_s))
-    # Clipped indices keep the lookup valid; `inside` rejects them afterwards.
-    if len(t_s) > 1:
-        within = np.clip(after, 1, len(t_s) - 1)
-    else:
-        within = np.zeros(len(base_s), dtype=int)
-    bridged = inside & (t_s[within] - t_s[within - 1] <= longest_gap_s)
-    return np.asarray(bridged | np.isin(base_s, t_s))

@@ -27,6 +27,7 @@ from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinition, MessageD
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
+from rfca_rig.campaign.time_base import NS_PER_S
 from rfca_rig.errors import BadInput
 from rfca_rig.suggestions import suggestion
 
@@ -40,7 +41,6 @@ Decoder = Callable[[bytes], Any]
 LoggedMessage = tuple[str, int, Any]
 """Topic, time of the log in ns, and the decoded message."""
 
-NS_PER_S = 1_000_000_000
 # Longer arrays are pictures or point clouds, and not listed.
 MOST_ENTRIES = 64
 

@@ -34,7 +34,14 @@ from rfca_rig.campaign.layout import (
     SignalSection,
 )
 from rfca_rig.campaign.recorded_columns import ColumnRequest, RecordedColumns
-from rfca_rig.campaign.recorded_files import find_recordings, list_columns, list_files, read_columns
+from rfca_rig.campaign.recorded_files import (
+    CAN_LOG,
+    find_databases,
+    find_recordings,
+    list_columns,
+    list_files,
+    read_columns,
+)
 from rfca_rig.campaign.table import select_samples
 from rfca_rig.campaign.units import are_different
 from rfca_rig.description.sections import AboutSection
@@ -208,6 +215,8 @@ def read_experiment(folder: Path, allow_outside: bool = False) -> Experiment:
         files = []
         if is_inside(described.model):
             files.append(model)
+        if described.can is not None:
+            files += [folder / file for file in described.can.databases if is_inside(file)]
         for run in described.recordings:
             files += list_files(folder / run.file)
         refuse_outside(files, [folder])
@@ -365,9 +374,14 @@ def _read_run(folder: Path, described: ExperimentFile, index: int) -> MechanismR
     }
     for free in described.free:
         holds |= list_free_columns(free)
-    recording = read_columns(
-        folder / run.file, ColumnRequest(described.time, holds, described.windows.bin_s)
+    request = ColumnRequest(
+        described.time,
+        holds,
+        described.windows.bin_s,
+        databases=_list_databases(folder, described),
+        bus=described.can.bus if described.can else None,
     )
+    recording = read_columns(folder / run.file, request)
     t_s = recording.t_s
     values = recording.values
     inside = select_samples(recording, t_s, run.from_s, run.to_s)
@@ -399,6 +413,18 @@ def _read_run(folder: Path, described: ExperimentFile, index: int) -> MechanismR
         notes=recording.notes,
         conflicts=_find_unit_conflicts(described, recording),
     )
+
+
+def _list_databases(folder: Path, described: ExperimentFile) -> list[Path]:
+    """The databases of [can]. Raises BadInput where one is not there."""
+    if described.can is None:
+        return []
+    databases = [folder / file for file in described.can.databases]
+    for index, file in enumerate(databases):
+        if not file.is_file():
+            where = place_of(folder / EXPERIMENT, ("can", "databases", index))
+            raise BadInput(f"{where}: can.databases: {file} is not there")
+    return databases
 
 
 def _find_unit_conflicts(
@@ -453,19 +479,15 @@ def write_draft(mechanism: Mechanism, folder: Path, allow_outside: bool = False)
             if file.is_file():
                 refuse_foreign(file, read_beginning(file))
         raise BadInput(
-            f"{folder}: holds no recording (.csv, .tsv, .lvm, .h5, .hdf5, .mat, .mcap, or a ROS 2 "
-            "bag); --data names the folder of the recordings"
+            f"{folder}: holds no recording (.csv, .tsv, .lvm, .h5, .hdf5, .mat, .mcap, a CAN log, "
+            "or a ROS bag); --data names the folder of the recordings"
         )
     if not allow_outside:
-        refuse_outside(
-            [
-                file
-                for files in recordings.values()
-                for recording in files
-                for file in list_files(recording)
-            ],
-            [folder],
-        )
+        files = find_databases(folder)
+        for of_kind in recordings.values():
+            for recording in of_kind:
+                files += list_files(recording)
+        refuse_outside(files, [folder])
     write_atomically(path, make_draft(mechanism, folder, recordings).encode("utf-8"))
     return path
 
@@ -477,7 +499,8 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
     # One experiment has one set of columns, hence one kind of file.
     kind, *others = found
     files = found[kind]
-    columns = list_columns(files[0])
+    databases = find_databases(folder)
+    columns = list_columns(files[0], databases)
     times = columns.times
     if len(times) == 1:
         time_column = format_value(times[0])
@@ -508,6 +531,9 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
         f"column = {time_column}",
         f"unit = {time_unit}",
     ]
+    if kind == CAN_LOG:
+        names = [file.relative_to(folder).as_posix() for file in databases]
+        lines += ["", "[can]", f"databases = {format_value(names)}"]
     for index, joint in enumerate(mechanism.joints):
         slides = bool(mechanism.is_slide[index])
         if slides:

@@ -4,6 +4,7 @@ The ending of a name says what somebody meant; the first bytes say what is there
 """
 
 import gzip
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -16,15 +17,25 @@ MATLAB_5 = b"MATLAB 5.0 MAT-file"
 # As far as any of these signs lies from the beginning: that of a tar archive.
 LOOKED_AT = 512
 
-DECODE_CAN = "decode its signals to CSV: python-can reads it, cantools decodes"
+# Kinds of CAN logs, in words.
+BLF = "BLF"
+ASC = "Vector ASC"
+CANDUMP = "candump"
+TRC = "PEAK TRC"
+# Endings of databases that define the messages of a CAN bus.
+CAN_DATABASES = (".dbc", ".kcd", ".sym", ".arxml")
+TRC_VERSION = ";$FILEVERSION="
+
+ROS_1_BAG = b"#ROSBAG V"
+# At both ends of a whole MCAP file (mcap.dev, file format).
+MCAP = b"\x89MCAP0\r\n"
+ZSTD = b"\x28\xb5\x2f\xfd"
 # The first bytes of a kind of file, what it is, and how to make a readable one of it.
 FOREIGN: Mapping[bytes, tuple[str, str]] = {
-    b"#ROSBAG V": ("a ROS 1 bag", "rosbags-convert makes a ROS 2 bag of it"),
-    b"\x28\xb5\x2f\xfd": ("compressed by zstd", "unpack it: zstd -d"),
+    ZSTD: ("compressed by zstd", "unpack it: zstd -d"),
     b"BZh": ("compressed by bzip2", "unpack it: bunzip2"),
     b"\xfd7zXZ\x00": ("compressed by xz", "unpack it: unxz"),
     b"7z\xbc\xaf\x27\x1c": ("a 7-Zip archive", "unpack it"),
-    b"LOGG": ("a CAN log (BLF)", DECODE_CAN),
     b"\x93NUMPY": ("a NumPy array", "save it as CSV with a line of names: numpy.savetxt"),
     b"SQLite format 3": ("an SQLite database", "give the folder of the bag, or a table of it"),
     b"\xd0\xcf\x11\xe0": ("an old Excel file", "save it as CSV"),
@@ -38,11 +49,24 @@ _OF_ZIP = {
     ".ods": ("a spreadsheet", "save it as CSV"),
     ".npz": ("NumPy arrays", "save them as CSV with a line of names: numpy.savetxt"),
 }
-# Text of CAN logs: what their first line begins with.
-_CAN_TEXT = {
-    "candump": "(",
-    "Vector ASC": "date ",
+# In place of a table, where only a table can be read.
+NO_TABLE = "a table of text is needed here; an experiment.toml may name it"
+
+_BLF_SIGN = b"LOGG"
+# Lines with which logs of a CAN bus begin. No name of a column looks so.
+_CAN_TEXT: Mapping[str, re.Pattern[str]] = {
+    # "date Wed May 01 12:00:00 2024", "base hex  timestamps absolute"
+    ASC: re.compile(
+        r"(?://.*\n|\s)*(?:date\s+\S+\s+\S+\s+\d+\s+\d+:\d+|base\s+(?:hex|dec)\b)", re.I
+    ),
+    # "(1714500000.000000) can0 029#BC46 R"
+    CANDUMP: re.compile(r"\s*\(\d+\.\d+\)\s+\S+\s+[0-9A-Fa-f]{3,8}#"),
+    TRC: re.compile(r";\$FILEVERSION=|;#{20}"),
 }
+# "  can0  029   [8]  BC 46 73 B9", also with a time in front, and with a direction.
+_CANDUMP_ON_SCREEN = re.compile(
+    r"\s*(?:\([\d. :-]+\)\s+)?\S+\s+(?:[RT]X\s\S+\s+\S+\s+)?[0-9A-F]{3,8}\s+\[\d+\]\s"
+)
 
 
 def is_hdf5(path: Path) -> bool:
@@ -74,20 +98,27 @@ def refuse_foreign(path: Path, beginning: bytes) -> None:
     if beginning.startswith(_ZIP):
         what, way_out = _OF_ZIP.get(path.suffix.lower(), ("a zip archive", "unpack it"))
         raise BadInput(f"{path}: is {what}; {way_out}")
-    first_line = beginning.split(b"\n", 1)[0].decode("latin-1")
-    for log, start in _CAN_TEXT.items():
-        if first_line.startswith(start) and _is_can_log(log, first_line):
-            raise BadInput(f"{path}: is a CAN log ({log}); {DECODE_CAN}")
+    if beginning.startswith(ROS_1_BAG):
+        raise BadInput(f"{path}: is a ROS 1 bag; {NO_TABLE}")
+    can_log = find_can_log(beginning)
+    if can_log:
+        raise BadInput(f"{path}: is a CAN log ({can_log}); {NO_TABLE}")
+    if _CANDUMP_ON_SCREEN.match(beginning.decode("latin-1")):
+        raise BadInput(
+            f"{path}: is what candump prints on the screen; record with candump -l, which writes a "
+            "log that can be read"
+        )
 
 
-def _is_can_log(log: str, first_line: str) -> bool:
-    """Whether a line is that of such a log, and no name of a column that begins alike."""
-    words = first_line.split()
-    if log == "candump":
-        # "(1714500000.000000) can0 029#BC46 R"
-        return len(words) in (3, 4) and words[0].endswith(")") and "#" in words[2]
-    # "date Wed May 01 12:00:00 2024"
-    return len(words) >= 5 and "," not in first_line
+def find_can_log(beginning: bytes) -> str:
+    """The kind of a CAN log by its first bytes; "" for other files."""
+    if beginning.startswith(_BLF_SIGN):
+        return BLF
+    text = beginning.decode("latin-1")
+    for kind, first_lines in _CAN_TEXT.items():
+        if first_lines.match(text):
+            return kind
+    return ""
 
 
 def read_gzip(path: Path, most_bytes: int) -> bytes:

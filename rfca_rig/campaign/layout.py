@@ -168,6 +168,17 @@ class TimeSection(Section):
         return _one_of(unit, TIME_UNITS)
 
 
+class CanSection(Section):
+    """[can]: what the frames of CAN logs hold."""
+
+    databases: Annotated[tuple[Text, ...], Field(strict=False, min_length=1)] = Field(
+        description="DBC, KCD, SYM or ARXML files, relative to this folder"
+    )
+    bus: Text | None = Field(
+        default=None, description="bus whose frames count, where the log has several"
+    )
+
+
 class SignalSection(Section):
     """[[signals]]: a column with the position or speed of a joint, or a value of one of the model's
     sensors.
@@ -547,6 +558,7 @@ class ExperimentFile(Section):
     about: AboutSection = AboutSection()
     model: Text = Field(description="MJCF or URDF file, relative to this folder")
     time: TimeSection
+    can: CanSection | None = None
     signals: Annotated[tuple[SignalSection, ...], Field(strict=False)] = ()
     free: Annotated[tuple[FreeSection, ...], Field(strict=False)] = ()
     commands: Annotated[tuple[CommandSection, ...], Field(strict=False)] = ()

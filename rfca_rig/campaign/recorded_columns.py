@@ -1,6 +1,6 @@
 """Columns of one recording on one time base, for any kind of file."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -26,11 +26,17 @@ class ColumnRequest:
         signal.
     longest_gap_s
         The longest time between two samples that interpolation may bridge.
+    databases
+        Of a CAN log: the files that define its messages.
+    bus
+        Of a CAN log: the only bus whose frames count; None for all.
     """
 
     time: TimeSection
     holds: Mapping[str, str]
     longest_gap_s: float
+    databases: Sequence[Path] = ()
+    bus: str | None = None
 
     @property
     def with_time(self) -> dict[str, str]:

@@ -1,12 +1,19 @@
-"""Reads any kind of recording, a table of text, HDF5, MATLAB's files, MCAP or ROS 2 bag, into named
-columns on one time base.
+"""Reads any kind of recording, a table of text, HDF5, MATLAB's files, a CAN log, MCAP or ROS bag,
+into named columns on one time base.
 """
 
+from collections.abc import Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-from rfca_rig.campaign.file_kinds import is_hdf5, is_matlab_5
+from rfca_rig.campaign.file_kinds import (
+    CAN_DATABASES,
+    find_can_log,
+    is_hdf5,
+    is_matlab_5,
+    read_beginning,
+)
 from rfca_rig.campaign.logger_files import find_logger
 from rfca_rig.campaign.recorded_columns import (
     ColumnList,
@@ -30,6 +37,10 @@ TEXT = (".csv", ".csv.gz", ".tsv", ".lvm")
 HDF5 = (".h5", ".hdf5")
 MATLAB = (".mat",)
 LOGGERS = (".tdms", ".mf4", ".mdf", ".parquet", ".feather")
+# A .log, .asc or .trc may be anything, and is one where its first bytes say so.
+CAN_LOGS = (".blf", ".asc", ".log", ".trc")
+# That kind of recordings in words.
+CAN_LOG = "CAN log"
 BAG_SUFFIXES = (".mcap", ".db3")
 
 # In the folder of a ROS 2 bag, with the first key of that file.
@@ -59,6 +70,17 @@ def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
         from rfca_rig.campaign.bag_columns import read_bag_columns  # noqa: PLC0415  (optional)
 
         return read_within_limits(path, partial(read_bag_columns, path, request))
+    can_log = _find_can_log(path)
+    if can_log:
+        _require_can_packages(path, can_log)
+        if not request.databases:
+            raise BadInput(
+                f"{path}: is a CAN log ({can_log}), whose frames a database decodes; state it in "
+                'experiment.toml: databases = ["motor.dbc"] in [can]'
+            )
+        from rfca_rig.campaign.can_columns import read_can_columns  # noqa: PLC0415  (optional)
+
+        return read_within_limits(path, partial(read_can_columns, path, can_log, request))
     array_format = _find_format(path)
     if array_format is not None:
         return read_within_limits(path, partial(read_array_columns, path, request, array_format))
@@ -75,13 +97,26 @@ def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
     )
 
 
-def list_columns(path: Path) -> ColumnList:
-    """List all columns of a recording. Raises BadInput as `read_columns` does."""
+def list_columns(path: Path, databases: Sequence[Path] = ()) -> ColumnList:
+    """List all columns of a recording; the `databases` define the messages of a CAN log. Raises
+    BadInput as `read_columns` does.
+    """
     if _is_bag(path):
         _require_bag_packages(path)
         from rfca_rig.campaign.bag_columns import list_bag_columns  # noqa: PLC0415  (optional)
 
         return read_within_limits(path, partial(list_bag_columns, path))
+    can_log = _find_can_log(path)
+    if can_log:
+        _require_can_packages(path, can_log)
+        if not databases:
+            raise BadInput(
+                f"{path}: is a CAN log ({can_log}), whose frames a database decodes; put its file "
+                f"({', '.join(CAN_DATABASES)}) into the folder of the recordings"
+            )
+        from rfca_rig.campaign.can_columns import list_can_columns  # noqa: PLC0415  (optional)
+
+        return read_within_limits(path, partial(list_can_columns, path, can_log, databases))
     array_format = _find_format(path)
     if array_format is not None:
         return read_within_limits(path, partial(list_array_columns, path, array_format))
@@ -118,9 +153,19 @@ def find_recordings(folder: Path) -> dict[str, list[Path]]:
         "HDF5": [file for file in files if file.suffix.lower() in HDF5],
         "MATLAB": [file for file in files if file.suffix.lower() in MATLAB],
         "logger": [file for file in files if file.suffix.lower() in LOGGERS],
+        CAN_LOG: [file for file in files if _has_can_log(file)],
         "bag": sorted([*bags, *(file for file in files if file.suffix.lower() in BAG_SUFFIXES)]),
     }
     return {kind: paths for kind, paths in recordings.items() if paths}
+
+
+def find_databases(folder: Path) -> list[Path]:
+    """All databases of CAN messages below a folder, ordered by name."""
+    return sorted(
+        file
+        for file in folder.rglob("*")
+        if file.is_file() and file.suffix.lower() in CAN_DATABASES
+    )
 
 
 def list_files(recording: Path) -> list[Path]:
@@ -128,6 +173,25 @@ def list_files(recording: Path) -> list[Path]:
     if recording.is_dir():
         return [recording, *sorted(recording.rglob("*"))]
     return [recording]
+
+
+def _find_can_log(path: Path) -> str:
+    """The kind of a CAN log; "" for other recordings."""
+    if not path.is_file():
+        return ""
+    return find_can_log(read_beginning(path))
+
+
+def _has_can_log(file: Path) -> bool:
+    return file.suffix.lower() in CAN_LOGS and bool(_find_can_log(file))
+
+
+def _require_can_packages(path: Path, can_log: str) -> None:
+    if find_spec("cantools") is None:
+        raise BadInput(
+            f"{path}: is a CAN log ({can_log}), and cantools, which decodes its frames, is not "
+            "installed: pip install 'rfca-rig[canlogs]'"
+        )
 
 
 def _is_bag(path: Path) -> bool:
