@@ -1,7 +1,7 @@
-"""Opens bags: MCAP files, folders that `ros2 bag record` wrote, and their .db3 files. Messages are
-decoded, in the order of the log.
+"""Opens bags: MCAP files, folders that `ros2 bag record` wrote, their .db3 files, and bags of
+ROS 1. Messages are decoded, in the order of the log.
 
-ROS messages (CDR) are decoded by the definitions in the bag. Bags from before ROS 2 Iron have no
+ROS messages are decoded by the definitions in the bag. Bags from before ROS 2 Iron have no
 definitions; those of ROS 2 itself are used.
 
 Fields of decoded messages by name: `wrench.force.z`, `data[2]`, and `position[shoulder]` where a
@@ -10,6 +10,7 @@ list `name` accompanies `position`.
 A message has the form that its decoder gives it: a JSON object, or a dataclass of a ROS message.
 """
 
+import errno
 import json
 import math
 import re
@@ -24,15 +25,14 @@ import numpy as np
 from mcap.reader import McapReader, make_reader
 from mcap.records import Channel, Schema
 from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
+from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 
+from rfca_rig.campaign.file_kinds import MCAP, ROS_1_BAG, ZSTD, read_beginning
 from rfca_rig.campaign.time_base import NS_PER_S
 from rfca_rig.errors import BadInput
 from rfca_rig.suggestions import suggestion
-
-# At both ends of a whole MCAP file (mcap.dev, file format).
-MCAP0_MAGIC = b"\x89MCAP0\r\n"
 
 # Characters of a library's message: some quote a whole definition.
 LONGEST_QUOTE = 200
@@ -51,7 +51,13 @@ _NAMES = "name"
 # In ROS 2, and in JSON as Foxglove writes it.
 _NANOSECONDS = ("nanosec", "nsec")
 
-_FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
+# Encoding of the messages of ROS 1; those of ROS 2 are "cdr".
+ROS_1 = "ros1"
+_FORMATS = {
+    "ros1msg": MessageDefinitionFormat.MSG,
+    "ros2msg": MessageDefinitionFormat.MSG,
+    "ros2idl": MessageDefinitionFormat.IDL,
+}
 # Precedes each file of a definition in IDL.
 _IDL_RULE = "=" * 80 + "\n"
 _NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
@@ -108,10 +114,16 @@ def open_bag(path: Path) -> Iterator[Bag]:
     open_reader = _open_rosbag
     if path.suffix.lower() == ".mcap":
         open_reader = _open_mcap
+    elif _is_ros_1(path):
+        open_reader = _open_ros_1_bag
     with open_reader(path) as bag:
         if not bag.types:
             raise BadInput(f"{path}: holds no messages")
         yield bag
+
+
+def _is_ros_1(path: Path) -> bool:
+    return path.is_file() and read_beginning(path).startswith(ROS_1_BAG)
 
 
 @contextmanager
@@ -121,13 +133,17 @@ def _refuse_damage(path: Path) -> Iterator[None]:
     """
     try:
         yield
-    except BadInput:
+    except (BadInput, MemoryError):
         raise
     except Exception as error:
+        # A compressed bag that is too large when it is unpacked.
+        if isinstance(error, OSError) and error.errno == errno.EFBIG:
+            raise MemoryError from None
         # A whole MCAP file has checksums, so that such a message was recorded so. The pages of a
         # damaged database may be those of another table.
         is_whole = isinstance(error, _UndecodableMessage) and path.suffix.lower() == ".mcap"
-        advice = "" if is_whole else _advise_repair(path)
+        is_unsupported = "not supported" in str(error)
+        advice = "" if is_whole or is_unsupported else _advise_repair(path)
         raise BadInput(f"{path}: cannot be read as a bag: {_shorten(error)}{advice}") from None
 
 
@@ -137,16 +153,18 @@ class _UndecodableMessage(Exception):
 
 def _advise_repair(path: Path) -> str:
     """The repair of a bag that was cut off, where it was; "" elsewhere."""
+    if _is_ros_1(path):
+        return "; was the recording cut off? `rosbag reindex` saves what it can"
     if path.suffix.lower() != ".mcap":
         return "; was the recording cut off? `ros2 bag reindex` saves what it can"
     try:
         with path.open("rb") as file:
             # Its end alone: a recording may have gigabytes.
-            file.seek(max(path.stat().st_size - len(MCAP0_MAGIC), 0))
+            file.seek(max(path.stat().st_size - len(MCAP), 0))
             end = file.read()
     except OSError:
         return ""
-    if end == MCAP0_MAGIC:
+    if end == MCAP:
         return "; the file has its end, and bytes within it are wrong: copy it again"
     return "; the end of the file is missing: `mcap recover` saves what it can"
 
@@ -189,16 +207,36 @@ def _open_mcap(path: Path) -> Iterator[Bag]:
                 topics.add(
                     channel.id,
                     channel.topic,
-                    schema.name if schema else "no schema",
+                    _name_type(schema),
                     channel.message_encoding,
                     _definition(schema),
                 )
 
         def read_messages(wanted: Collection[str]) -> Iterator[LoggedMessage]:
             for _, channel, message in reader.iter_messages(wanted):
+                _refuse_compressed(path, message.data)
                 yield channel.topic, message.log_time, topics.decoders[channel.id](message.data)
 
         yield Bag(path, topics.types, topics.unreadable, read_messages)
+
+
+def _refuse_compressed(path: Path, message: bytes) -> None:
+    """Raise BadInput for a message that a recorder compressed; others begin with a byte order."""
+    if message.startswith(ZSTD):
+        raise BadInput(
+            f"{path}: its messages are compressed by zstd; give the folder of the bag, whose "
+            "metadata.yaml says so"
+        )
+
+
+def _name_type(schema: Schema | None) -> str:
+    """The type of a channel's messages, as ROS 2 writes it."""
+    if schema is None:
+        return "no schema"
+    package, slash, name = schema.name.partition("/")
+    if schema.encoding == "ros1msg" and slash and "/" not in name:
+        return f"{package}/msg/{name}"
+    return schema.name
 
 
 def _definition(schema: Schema | None) -> MessageDefinition:
@@ -247,6 +285,31 @@ def _open_rosbag(path: Path) -> Iterator[Bag]:
                 connection for connection in reader.connections if connection.topic in wanted
             ]
             for connection, ns, data in reader.messages(connections):
+                _refuse_compressed(path, data)
+                yield connection.topic, ns, topics.decoders[connection.id](data)
+
+        yield Bag(path, topics.types, topics.unreadable, read_messages)
+    finally:
+        reader.close()
+
+
+@contextmanager
+def _open_ros_1_bag(path: Path) -> Iterator[Bag]:
+    with _refuse_damage(path):
+        reader = Ros1Reader(path)
+        reader.open()
+    try:
+        topics = _Topics()
+        for connection in reader.connections:
+            topics.add(
+                connection.id, connection.topic, connection.msgtype, ROS_1, connection.msgdef
+            )
+
+        def read_messages(wanted: Collection[str]) -> Iterator[LoggedMessage]:
+            connections = [
+                connection for connection in reader.connections if connection.topic in wanted
+            ]
+            for connection, ns, data in reader.messages(connections):
                 yield connection.topic, ns, topics.decoders[connection.id](data)
 
         yield Bag(path, topics.types, topics.unreadable, read_messages)
@@ -258,9 +321,10 @@ def _make_decoder(type_name: str, encoding: str, definition: MessageDefinition) 
     """Decoder of a message type. Raises ValueError with the reason where there is none."""
     if encoding == "json":
         return json.loads
-    if encoding != "cdr":
+    if encoding not in ("cdr", ROS_1):
         raise ValueError(
-            f"its messages are encoded as {encoding or 'nothing known'}; json and cdr can be read"
+            f"its messages are encoded as {encoding or 'nothing known'}; json, cdr and ros1 can be "
+            "read"
         )
     try:
         # Definitions in the bag describe its messages exactly; types of another ROS release may
@@ -291,9 +355,11 @@ def _make_decoder(type_name: str, encoding: str, definition: MessageDefinition) 
             "keeps definitions"
         )
 
+    deserialize = store.deserialize_ros1 if encoding == ROS_1 else store.deserialize_cdr
+
     def decode(data: bytes) -> Any:
         try:
-            return store.deserialize_cdr(data, type_name)
+            return deserialize(data, type_name)
         # The bytes of another type may raise anything.
         except Exception as error:
             raise _UndecodableMessage(

@@ -204,7 +204,7 @@ def _decode(
     for payload in frames.payloads:
         short += len(payload) < message.length
         try:
-            decoded.append(message.decode(payload, allow_truncated=True))
+            decoded.append(message.decode_simple(payload, allow_truncated=True))
         except DecodeError as error:
             undefined[str(error)] += 1
             decoded.append({})

@@ -12,8 +12,9 @@ from typing import IO, Any
 import can
 import cantools.database
 from can.io.trc import TRCFileVersion
-from cantools.database import Database, UnsupportedDatabaseFormatError
+from cantools.database import Database
 from cantools.database.can import Message
+from cantools.database.errors import Error as CantoolsError
 
 from rfca_rig.campaign.file_kinds import (
     ASC,
@@ -36,7 +37,7 @@ MOST_DATABASE_BYTES = 100_000_000
 # Characters of a library's message.
 LONGEST_QUOTE = 200
 
-_READERS: Mapping[str, Callable[[IO[Any]], Any]] = {
+_READERS: Mapping[str, Callable[..., Any]] = {
     BLF: can.BLFReader,
     ASC: can.ASCReader,
     CANDUMP: can.CanutilsLogReader,
@@ -92,6 +93,9 @@ def load_databases(files: Sequence[Path]) -> dict[str, MessageDefinition]:
     by_id: dict[FrameId, MessageDefinition] = {}
     for file in files:
         for message in _load_database(file).messages:
+            # AUTOSAR's containers hold other messages, and no signals of their own.
+            if message.is_container:
+                continue
             definition = MessageDefinition(message, file)
             other = definitions.get(message.name) or by_id.get(definition.frame_id)
             # Within one file it is for cantools to judge.
@@ -120,7 +124,7 @@ def _load_database(file: Path) -> Database:
     try:
         # Not strict: a database with signals that overlap is common, and decodes.
         database = cantools.database.load_string(text, file_format, strict=False)
-    except UnsupportedDatabaseFormatError as error:
+    except CantoolsError as error:
         raise BadInput(
             f"{file}: is no database of a CAN bus (DBC, KCD, SYM or ARXML): {_quote(error)}"
         ) from None
@@ -229,7 +233,7 @@ def _refuse_misread(path: Path, reader: Any) -> None:
             )
 
 
-def _name_bus(channel: int | str | None, kind: str) -> str:
+def _name_bus(channel: object, kind: str) -> str:
     """The bus of a frame, as the program that wrote the log calls it."""
     if kind in _COUNTED_FROM_ONE and isinstance(channel, int):
         return str(channel + 1)

@@ -32,7 +32,7 @@ MCAP = b"\x89MCAP0\r\n"
 ZSTD = b"\x28\xb5\x2f\xfd"
 # The first bytes of a kind of file, what it is, and how to make a readable one of it.
 FOREIGN: Mapping[bytes, tuple[str, str]] = {
-    ZSTD: ("compressed by zstd", "unpack it: zstd -d"),
+    ZSTD: ("compressed by zstd", "unpack it: zstd -d; of a ROS 2 bag give the folder"),
     b"BZh": ("compressed by bzip2", "unpack it: bunzip2"),
     b"\xfd7zXZ\x00": ("compressed by xz", "unpack it: unxz"),
     b"7z\xbc\xaf\x27\x1c": ("a 7-Zip archive", "unpack it"),

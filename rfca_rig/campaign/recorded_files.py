@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rfca_rig.campaign.file_kinds import (
     CAN_DATABASES,
+    ROS_1_BAG,
     find_can_log,
     is_hdf5,
     is_matlab_5,
@@ -41,7 +42,7 @@ LOGGERS = (".tdms", ".mf4", ".mdf", ".parquet", ".feather")
 CAN_LOGS = (".blf", ".asc", ".log", ".trc")
 # That kind of recordings in words.
 CAN_LOG = "CAN log"
-BAG_SUFFIXES = (".mcap", ".db3")
+BAG_SUFFIXES = (".mcap", ".db3", ".bag")
 
 # In the folder of a ROS 2 bag, with the first key of that file.
 _METADATA = "metadata.yaml"
@@ -203,7 +204,9 @@ def _is_bag(path: Path) -> bool:
             f"{path}: is a folder without the {_METADATA} of a ROS 2 bag; `ros2 bag "
             "reindex` writes it"
         )
-    return path.is_dir() or path.suffix.lower() in BAG_SUFFIXES
+    if path.is_dir() or path.suffix.lower() in BAG_SUFFIXES:
+        return True
+    return path.is_file() and read_beginning(path).startswith(ROS_1_BAG)
 
 
 def _is_rosbag_folder(path: Path) -> bool:

@@ -11,10 +11,12 @@ import os
 import pickle
 import select
 import signal
+import tempfile
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from time import monotonic
 from typing import NoReturn, TypeVar, cast
 
@@ -86,6 +88,15 @@ def read_within_limits(path: Path, read: Callable[[], Result]) -> Result:
     if not CAN_COPY:
         return read()
     limits = reading_limits()
+    # Removed here, since a copy that takes too long is killed and removes nothing.
+    with TemporaryDirectory(prefix="rfca-rig-") as scratch:
+        return _read_in_copy(path, read, limits, scratch)
+
+
+def _read_in_copy(
+    path: Path, read: Callable[[], Result], limits: ReadingLimits, scratch: str
+) -> Result:
+    """As `read_within_limits`; what the copy unpacks lies in the folder `scratch`."""
     ours, theirs = os.pipe()
     # Newer interpreters warn of every copy of a process with threads. The copy needs no lock that
     # another thread may hold.
@@ -93,7 +104,7 @@ def read_within_limits(path: Path, read: Callable[[], Result]) -> Result:
         warnings.simplefilter("ignore", DeprecationWarning)
         copy = os.fork()
     if copy == 0:
-        _answer(theirs, read, limits)
+        _answer(theirs, read, limits, scratch)
     os.close(theirs)
     answer = None
     try:
@@ -132,12 +143,13 @@ def _receive(pipe: int, until_s: float) -> bytes | None:
         pieces.append(piece)
 
 
-def _answer(pipe: int, read: Callable[[], object], limits: ReadingLimits) -> NoReturn:
+def _answer(pipe: int, read: Callable[[], object], limits: ReadingLimits, scratch: str) -> NoReturn:
     """Runs in the copy, and ends it: nothing of this process may run twice, such as its exit
     handlers.
     """
     try:
         _limit_copy(limits)
+        tempfile.tempdir = scratch
         try:
             answer = pickle.dumps((True, read()), pickle.HIGHEST_PROTOCOL)
         except RigError as error:
@@ -173,4 +185,7 @@ def _limit_copy(limits: ReadingLimits) -> None:
     )
     allowed = taken + int(limits.memory_GiB * BYTES_PER_GIB)
     resource.setrlimit(resource.RLIMIT_AS, (allowed, allowed))
+    # What is unpacked to disk may be as large as what is unpacked to memory.
+    unpacked = int(limits.memory_GiB * BYTES_PER_GIB)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (unpacked, unpacked))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -322,7 +322,7 @@ def test_messages_of_another_encoding_are_refused_by_its_name(tmp_path):
         tmp_path / "run.mcap", {"/state": [(t, {"q": t}) for t in T_S]}, encoding="protobuf"
     )
     assert (
-        "topic /state: its messages are encoded as protobuf; json and cdr can be read"
+        "topic /state: its messages are encoded as protobuf; json, cdr and ros1 can be read"
         in refusal(path, "/state:q", time="log time")
     )
 
@@ -398,7 +398,7 @@ def test_a_list_of_a_bag_that_nothing_can_be_read_of_says_why(tmp_path):
     )
     found = list_columns(path)
     assert found.notes == (
-        "topic /state: state, its messages are encoded as protobuf; json and cdr can be read",
+        "topic /state: state, its messages are encoded as protobuf; json, cdr and ros1 can be read",
     )
     assert not found.values
     assert not found.times
