@@ -2,8 +2,8 @@
 as those of plain bags.
 """
 
-import gc
 import tempfile
+import time
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,8 @@ from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.campaign.recorded_columns import ColumnRequest
 from rfca_rig.campaign.recorded_files import find_recordings, list_columns, read_columns
 from rfca_rig.errors import BadInput
-from rfca_rig.executors.reading import MEMORY_VARIABLE, TIME_VARIABLE
+from rfca_rig.executors.parallel import CAN_COPY
+from rfca_rig.executors.reading import MEMORY_VARIABLE, TIME_VARIABLE, read_within_limits
 from tests.campaign import bags
 from tests.campaign.small import copy_to
 
@@ -246,20 +247,28 @@ def test_a_damaged_compressed_file_is_one_line(tmp_path):
     assert refuse(folder).startswith(f"{folder}: cannot be read as a bag: ")
 
 
+@pytest.mark.skipif(not CAN_COPY, reason="files are read in this process")
 def test_a_small_file_that_unpacks_to_a_large_one_is_refused(tmp_path, monkeypatch):
     folder = write_compressed(tmp_path / "run", StoragePlugin.SQLITE3, CompressionMode.FILE)
     (path,) = folder.glob("*.zstd")
     path.write_bytes(pack_zeros(300_000_000))
     assert path.stat().st_size < 1_000_000
+    monkeypatch.setenv(MEMORY_VARIABLE, "0.25")
+    assert "cannot be read within 0.25 GiB of memory" in refuse(folder)
+
+
+@pytest.mark.skipif(not CAN_COPY, reason="files are read in this process")
+def test_what_a_killed_copy_unpacked_is_removed(tmp_path, monkeypatch):
+    def unpack_without_end():
+        tempfile.mkdtemp()
+        time.sleep(60.0)
+
     scratch = tmp_path / "scratch"
     scratch.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(scratch))
-    monkeypatch.setenv(MEMORY_VARIABLE, "0.25")
-    assert "cannot be read within 0.25 GiB of memory" in refuse(folder)
-    monkeypatch.setenv(MEMORY_VARIABLE, "2")
-    monkeypatch.setenv(TIME_VARIABLE, "0.001")
-    assert "takes more than 0.001 s to read" in refuse(folder)
-    gc.collect()
+    monkeypatch.setenv(TIME_VARIABLE, "0.5")
+    with pytest.raises(BadInput, match=r"takes more than 0\.5 s to read"):
+        read_within_limits(tmp_path, unpack_without_end)
     assert not list(scratch.iterdir())
 
 
