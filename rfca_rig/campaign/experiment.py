@@ -9,7 +9,7 @@ everything that they do not state.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -31,14 +31,16 @@ from rfca_rig.campaign.layout import (
     SPEED_UNITS,
     TIME_UNITS,
     ExperimentFile,
+    RecordingSection,
     SignalSection,
 )
-from rfca_rig.campaign.recorded_columns import ColumnRequest, RecordedColumns
+from rfca_rig.campaign.recorded_columns import ColumnList, ColumnRequest, RecordedColumns
 from rfca_rig.campaign.recorded_files import (
     CAN_LOG,
     find_databases,
     find_recordings,
     list_columns,
+    list_episodes,
     list_files,
     read_columns,
 )
@@ -334,7 +336,7 @@ def _check_unique(path: Path, described: ExperimentFile) -> None:
         ),
         ("commands", [(command.actuator,) for command in described.commands]),
         ("prescribed", [(prescribed.joint,) for prescribed in described.prescribed]),
-        ("recordings", [(run.file,) for run in described.recordings]),
+        ("recordings", [_key_of(run) for run in described.recordings]),
         ("recordings", [(run.condition, f"repeat {run.repeat}") for run in described.recordings]),
     ]
     for table, entries in keys:
@@ -345,6 +347,13 @@ def _check_unique(path: Path, described: ExperimentFile) -> None:
                     f"{place_of(path, (table, index))}: {table}[{index + 1}]: "
                     f"{', '.join(key)} is already {table}[{first}]"
                 )
+
+
+def _key_of(run: RecordingSection) -> tuple[str, ...]:
+    """What no other recording may be."""
+    if run.episode is None:
+        return (run.file,)
+    return run.file, f"episode {run.episode}"
 
 
 def _std_in_si(std: float | None, factor: float) -> float | None:
@@ -380,6 +389,7 @@ def _read_run(folder: Path, described: ExperimentFile, index: int) -> MechanismR
         described.windows.bin_s,
         databases=_list_databases(folder, described),
         bus=described.can.bus if described.can else None,
+        episode=run.episode,
     )
     recording = read_columns(folder / run.file, request)
     t_s = recording.t_s
@@ -501,16 +511,6 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
     files = found[kind]
     databases = find_databases(folder)
     columns = list_columns(files[0], databases)
-    times = columns.times
-    if len(times) == 1:
-        time_column = format_value(times[0])
-    else:
-        time_column = PLACEHOLDER
-    if not times:
-        time_column += f"  {_comment(columns.no_time)}"
-    time_unit = f"{PLACEHOLDER}  # {_any_of(TIME_UNITS)}"
-    if columns.time_unit:
-        time_unit = format_value(columns.time_unit)
     lines = [
         _comment(f'Replace every "?". Then: rfca-rig check {folder.name}'),
         f"format = {format_value(EXPERIMENT_FORMAT)}",
@@ -525,11 +525,11 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
             "and largest values:"
         ),
         *(_comment(f"  {note}") for note in columns.notes),
-        *(_comment(f"  {name}: {_extent(values)}") for name, values in columns.values.items()),
-        "",
-        "[time]",
-        f"column = {time_column}",
-        f"unit = {time_unit}",
+        *(
+            _comment(f"  {name}{_label(columns, name)}: {_extent(values)}")
+            for name, values in columns.values.items()
+        ),
+        *_draft_time(columns),
     ]
     if kind == CAN_LOG:
         names = [file.relative_to(folder).as_posix() for file in databases]
@@ -607,14 +607,56 @@ def make_draft(mechanism: Mechanism, folder: Path, found: Mapping[str, Sequence[
         f"\n# Left out, as they are of another kind: {len(found[other])} x {other}"
         for other in others
     ]
-    for number, file in enumerate(files, start=1):
+    for number, (file, episode) in enumerate(_list_recordings(files, columns), start=1):
         lines += [
             "",
             "[[recordings]]",
             f"file = {format_value(file.relative_to(folder).as_posix())}",
             f'condition = "recording {number}"',
         ]
+        if episode is not None:
+            lines.append(f"episode = {episode}")
     return "\n".join(lines) + "\n"
+
+
+def _draft_time(columns: ColumnList) -> list[str]:
+    """The lines of [time]."""
+    if len(columns.times) == 1:
+        time_column = format_value(columns.times[0])
+    else:
+        time_column = PLACEHOLDER
+    if not columns.times:
+        time_column += f"  {_comment(columns.no_time)}"
+    time_unit = f"{PLACEHOLDER}  # {_any_of(TIME_UNITS)}"
+    if columns.time_unit:
+        time_unit = format_value(columns.time_unit)
+    return ["", "[time]", f"column = {time_column}", f"unit = {time_unit}"]
+
+
+def _list_recordings(
+    files: Sequence[Path], columns: ColumnList
+) -> Iterator[tuple[Path, int | None]]:
+    """The recordings in all files, of which the first has these columns: a file each, or each
+    episode of the files.
+    """
+    for file in files:
+        episodes: tuple[int, ...] = ()
+        if file == files[0]:
+            episodes = columns.episodes
+        # Files of a data set hold one episode each, or all of them several.
+        elif len(columns.episodes) > 1:
+            episodes = list_episodes(file)
+        if len(episodes) > 1:
+            for episode in episodes:
+                yield file, episode
+        else:
+            yield file, None
+
+
+def _label(columns: ColumnList, name: str) -> str:
+    if name in columns.labels:
+        return f" ({columns.labels[name]})"
+    return ""
 
 
 def _comment(text: str) -> str:

@@ -519,6 +519,9 @@ class RecordingSection(RunSection):
     """
 
     driven: bool = Field(default=True, description="false where the actuators were off")
+    episode: Annotated[int, Field(ge=0)] | None = Field(
+        default=None, description="number of the episode, where a file of LeRobot holds several"
+    )
 
 
 class FreeSection(Section):

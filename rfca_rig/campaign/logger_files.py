@@ -6,12 +6,13 @@ These packages are the extra `loggers`. Entry point: `find_logger`.
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rfca_rig.campaign.file_kinds import read_beginning
 from rfca_rig.campaign.stored_arrays import ArrayFormat, StoredArray
@@ -61,10 +62,10 @@ def _open_tdms(path: Path) -> Iterator[Mapping[str, StoredArray]]:
             for channel in group.channels():
                 name = f"{group.name}/{channel.name}"
                 unit = str(channel.properties.get("unit_string", ""))
-                arrays[name] = StoredArray(name, channel[:], _attributes_of(unit))
+                arrays[name] = _make_array(name, channel[:], unit)
                 if "wf_increment" in channel.properties:
                     times = f"{name}.{TIME}"
-                    arrays[times] = StoredArray(times, channel.time_track(), _attributes_of("s"))
+                    arrays[times] = _make_array(times, channel.time_track(), "s")
         yield arrays
 
 
@@ -85,11 +86,15 @@ def _open_mdf(path: Path) -> Iterator[Mapping[str, StoredArray]]:
             for index, channel_name in enumerate(names):
                 if index == master:
                     continue
-                signal = file.get(group=number, index=index)
+                # All samples: without the invalid ones, a channel would be shorter than its times.
+                signal = file.get(group=number, index=index, ignore_invalidation_bits=True)
                 name = f"{number}/{channel_name}"
-                arrays[name] = StoredArray(name, signal.samples, _attributes_of(signal.unit))
+                arrays[name] = replace(
+                    _make_array(name, signal.samples, signal.unit),
+                    is_invalid=signal.invalidation_bits,
+                )
                 times = f"{number}/{TIME}"
-                arrays[times] = StoredArray(times, signal.timestamps, _attributes_of("s"))
+                arrays[times] = _make_array(times, signal.timestamps, "s")
         yield arrays
 
 
@@ -108,25 +113,56 @@ def _open_feather(path: Path) -> Iterator[Mapping[str, StoredArray]]:
 
 
 def _list_columns(table: Any) -> dict[str, StoredArray]:
-    """Columns of an Arrow table; lists of one length, as LeRobot's states and actions, are matrices
-    (m, k).
+    """Columns of an Arrow table. Lists of one length, as LeRobot's states and actions, are matrices
+    (m, k); dates and times are seconds since 1970, durations seconds. Lists of different lengths
+    are left out.
     """
     arrays = {}
     for name in table.column_names:
-        values = table.column(name).to_pylist()
+        column = table.column(name)
         try:
-            data = np.array(values, dtype=np.float64)
-        # Text, dates, or lists of different lengths.
+            data = _convert_column(column)
+        # Lists of different lengths, or records.
         except (TypeError, ValueError):
             continue
-        arrays[name] = StoredArray(name, data)
+        arrays[name] = _make_array(name, data, "")
     return arrays
 
 
-def _attributes_of(unit: str) -> dict[str, Any]:
+def _convert_column(column: Any) -> NDArray[Any]:
+    """A column as an array (m,), or (m, k) of lists. Raises ValueError where it makes none."""
+    import pyarrow  # noqa: PLC0415  (optional)
+
+    kind = pyarrow.types
+    is_of_lists = (
+        kind.is_list(column.type)
+        or kind.is_large_list(column.type)
+        or kind.is_fixed_size_list(column.type)
+    )
+    if is_of_lists:
+        entries = column.combine_chunks().flatten()
+        lengths = set(pyarrow.compute.list_value_length(column).unique().to_pylist())
+        if len(lengths) != 1 or None in lengths or not len(column):
+            raise ValueError("lists of different lengths")
+        return np.asarray(entries.to_numpy(zero_copy_only=False)).reshape(len(column), -1)
+    if kind.is_decimal(column.type) or kind.is_boolean(column.type):
+        return np.array(column.to_pylist(), dtype=np.float64)
+    return np.asarray(column.to_numpy())
+
+
+def _make_array(name: str, data: NDArray[Any], unit: str) -> StoredArray:
+    """An array with its unit, "" where the file states none. Dates and times become seconds since
+    1970, durations seconds, and NaN where there is none.
+    """
+    if data.dtype.kind == "M":
+        data = data - np.datetime64(0, "s")
+    if data.dtype.kind == "m":
+        data = data / np.timedelta64(1, "s")
+        unit = "s"
+    attributes = {}
     if unit:
-        return {"units": unit}
-    return {}
+        attributes["units"] = unit
+    return StoredArray(name, data, attributes)
 
 
 LOGGERS = (

@@ -30,6 +30,8 @@ class ColumnRequest:
         Of a CAN log: the files that define its messages.
     bus
         Of a CAN log: the only bus whose frames count; None for all.
+    episode
+        Of a file with several episodes: the number of that which is read; None for a file with one.
     """
 
     time: TimeSection
@@ -37,6 +39,7 @@ class ColumnRequest:
     longest_gap_s: float
     databases: Sequence[Path] = ()
     bus: str | None = None
+    episode: int | None = None
 
     @property
     def with_time(self) -> dict[str, str]:
@@ -99,6 +102,10 @@ class ColumnList:
         The unit of the time, None where only the user knows it.
     notes
         Lines about the recording as a whole.
+    episodes
+        Numbers of the episodes that share a file; empty for other files.
+    labels
+        What a column is called elsewhere, by its name.
     """
 
     values: Mapping[str, Floats | None]
@@ -106,6 +113,8 @@ class ColumnList:
     no_time: str = "none of the columns rises throughout"
     time_unit: str | None = None
     notes: tuple[str, ...] = ()
+    episodes: tuple[int, ...] = ()
+    labels: Mapping[str, str] = field(default_factory=dict)
 
 
 def finite_or_none(column: Floats) -> Floats | None:

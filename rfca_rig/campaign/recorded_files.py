@@ -15,6 +15,7 @@ from rfca_rig.campaign.file_kinds import (
     is_matlab_5,
     read_beginning,
 )
+from rfca_rig.campaign.lerobot import INFO, META, describe_data_set, find_info
 from rfca_rig.campaign.logger_files import find_logger
 from rfca_rig.campaign.recorded_columns import (
     ColumnList,
@@ -27,6 +28,7 @@ from rfca_rig.campaign.stored_arrays import (
     MATLAB_FORMAT,
     ArrayFormat,
     list_array_columns,
+    list_array_episodes,
     read_array_columns,
 )
 from rfca_rig.campaign.table import columns, numeric_columns, read_table
@@ -66,6 +68,13 @@ def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
         Where the recording cannot be read, a package for it is not installed, or a column is
         missing or holds anything but numbers.
     """
+    array_format = _find_format(path)
+    if array_format is not None:
+        return read_within_limits(path, partial(read_array_columns, path, request, array_format))
+    if request.episode is not None:
+        raise BadInput(
+            f"{path}: is one recording; remove episode = {request.episode} from [[recordings]]"
+        )
     if _is_bag(path):
         _require_bag_packages(path)
         from rfca_rig.campaign.bag_columns import read_bag_columns  # noqa: PLC0415  (optional)
@@ -82,9 +91,6 @@ def read_columns(path: Path, request: ColumnRequest) -> RecordedColumns:
         from rfca_rig.campaign.can_columns import read_can_columns  # noqa: PLC0415  (optional)
 
         return read_within_limits(path, partial(read_can_columns, path, can_log, request))
-    array_format = _find_format(path)
-    if array_format is not None:
-        return read_within_limits(path, partial(read_array_columns, path, request, array_format))
     table = read_table(path)
     for name, meaning in request.with_time.items():
         if name not in table.names:
@@ -120,13 +126,24 @@ def list_columns(path: Path, databases: Sequence[Path] = ()) -> ColumnList:
         return read_within_limits(path, partial(list_can_columns, path, can_log, databases))
     array_format = _find_format(path)
     if array_format is not None:
-        return read_within_limits(path, partial(list_array_columns, path, array_format))
+        listed = read_within_limits(path, partial(list_array_columns, path, array_format))
+        return describe_data_set(path, listed)
     table = read_table(path)
     values = numeric_columns(table)
     units = [f"{name}: the file states the unit {unit}" for name, unit in table.units.items()]
     twice = sorted({name for name in table.names if table.names.count(name) > 1})
     repeated = [f"two columns are named {name}; rename one to use it" for name in twice]
     return ColumnList(values, find_rising(values), notes=(*table.notes, *units, *repeated))
+
+
+def list_episodes(path: Path) -> tuple[int, ...]:
+    """The numbers of the episodes in a file; none where it has no such column. Raises BadInput as
+    `read_columns` does.
+    """
+    array_format = _find_format(path)
+    if array_format is None:
+        return ()
+    return read_within_limits(path, partial(list_array_episodes, path, array_format))
 
 
 def _find_format(path: Path) -> ArrayFormat | None:
@@ -144,10 +161,12 @@ def find_recordings(folder: Path) -> dict[str, list[Path]]:
     """
     # The .db3 files of a bag must not count as recordings of their own.
     bags = [file.parent for file in folder.rglob(_METADATA) if _is_rosbag_folder(file.parent)]
+    # Tables that describe a data set of LeRobot are no recordings either.
+    descriptions = [file.parent for file in folder.rglob(INFO) if file.parent.name == META]
     files = []
     for file in sorted(folder.rglob("*")):
-        is_of_bag = any(bag in file.parents for bag in bags)
-        if file.is_file() and not is_of_bag:
+        is_of_other = any(other in file.parents for other in (*bags, *descriptions))
+        if file.is_file() and not is_of_other:
             files.append(file)
     recordings = {
         "CSV": [file for file in files if file.name.lower().endswith(TEXT)],
@@ -170,9 +189,14 @@ def find_databases(folder: Path) -> list[Path]:
 
 
 def list_files(recording: Path) -> list[Path]:
-    """The files of one recording: the file itself, or all in the folder of a bag."""
+    """The files of one recording: the file itself, or all in the folder of a bag; with the
+    description of a data set to which it belongs.
+    """
     if recording.is_dir():
         return [recording, *sorted(recording.rglob("*"))]
+    info = find_info(recording)
+    if info is not None:
+        return [recording, info]
     return [recording]
 
 

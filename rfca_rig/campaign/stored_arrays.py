@@ -42,18 +42,26 @@ SCALES = (("scale_factor", "add_offset"), ("conversion", "offset"), ("scaling_fa
 FILL_VALUES = ("_FillValue", "missing_value")
 UNITS = ("units", "unit")
 
+# Column with the number of the episode of each sample, in data sets of LeRobot.
+EPISODE = "episode_index"
+
 _PICKED = re.compile(r"(.+)\[([^\[\]]+)\]")
 # Kinds of dtype: signed, unsigned, floating point.
 _NUMBERS = "iuf"
+_WHOLE_NUMBERS = "iu"
 
 
 @dataclass(frozen=True)
 class StoredArray:
-    """One array of a file, which is read when it is asked for: an HDF5 dataset or an array."""
+    """One array of a file, which is read when it is asked for: an HDF5 dataset or an array.
+
+    `is_invalid` (m,) are the samples that the file marks as invalid; None where it marks none.
+    """
 
     name: str
     data: Any
     attributes: Mapping[str, Any] = field(default_factory=dict)
+    is_invalid: NDArray[np.bool_] | None = None
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -156,9 +164,12 @@ def read_array_columns(
     units: dict[str, str] = {}
     notes: dict[str, None] = {}
     with _open(path, array_format) as arrays:
+        is_used = _select_episode(path, arrays, request.episode)
         samples: int | None = None
+        arrays_used: list[StoredArray] = []
         for name, meaning in request.with_time.items():
             array, picked = _find_array(path, arrays, name, meaning)
+            arrays_used.append(array)
             try:
                 values[name] = _pick(array, picked, samples)
             except _NoColumn as fault:
@@ -172,12 +183,32 @@ def read_array_columns(
                 units[name] = array.unit
             for note in _describe(array, picked, samples):
                 notes[note] = None
+    _check_lengths(path, request.time.column, values)
+    if len(is_used) != samples:
+        is_used = np.ones(samples or 0, dtype=bool)
+    is_valid = _find_valid(arrays_used, is_used)
+    if not is_valid.all():
+        count = np.count_nonzero(is_used & ~is_valid)
+        notes[f"{count} samples that the file marks as invalid are left out"] = None
+    used = {name: column[is_used & is_valid] for name, column in values.items()}
+    _check_finite(path, used)
+    return RecordedColumns(path, request.time_of(used), used, units=units, notes=tuple(notes))
+
+
+def _check_lengths(path: Path, time: str, values: Mapping[str, Floats]) -> None:
+    """Raises BadInput for a column with more or fewer samples than the time."""
+    samples = len(values[time])
     for name, column in values.items():
         if len(column) != samples:
             raise BadInput(
                 f"{path}: column {name} has {len(column)} samples and "
-                f"{request.time.column} has {samples}; they must be as many"
+                f"{time} has {samples}; they must be as many"
             )
+
+
+def _check_finite(path: Path, values: Mapping[str, Floats]) -> None:
+    """Raises BadInput for a value that is no finite number."""
+    for name, column in values.items():
         faulty = np.flatnonzero(~np.isfinite(column))
         if faulty.size:
             row = int(faulty[0])
@@ -185,7 +216,17 @@ def read_array_columns(
                 f"{path}: column {name}: sample {row + 1} is {column[row]:g}; every "
                 "sample needs a finite number"
             )
-    return RecordedColumns(path, request.time_of(values), values, units=units, notes=tuple(notes))
+
+
+def _find_valid(arrays: Iterable[StoredArray], is_used: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Which samples (m,) no array marks as invalid; others than those that are used (m,) count as
+    valid.
+    """
+    is_valid = np.ones(len(is_used), dtype=bool)
+    for array in arrays:
+        if array.is_invalid is not None:
+            is_valid &= ~array.is_invalid
+    return is_valid | ~is_used
 
 
 def list_array_columns(path: Path, array_format: ArrayFormat) -> ColumnList:
@@ -196,6 +237,10 @@ def list_array_columns(path: Path, array_format: ArrayFormat) -> ColumnList:
     notes: list[str] = []
     with _open(path, array_format) as arrays:
         samples = _find_samples(arrays.values())
+        episodes = _list_episodes(arrays)
+        is_first = np.zeros(0, dtype=bool)
+        if episodes:
+            is_first = arrays[EPISODE].read() == episodes[0]
         for array in arrays.values():
             if len(array.shape) not in (1, 2) or max(array.shape) < FEWEST_SAMPLES:
                 continue
@@ -207,7 +252,51 @@ def list_array_columns(path: Path, array_format: ArrayFormat) -> ColumnList:
             notes += _describe(array, None, samples)
             if array.unit and not array.fields:
                 notes.append(f"{array.name}: the file states the unit {array.unit}")
-    return ColumnList(values, find_rising(values), notes=tuple(notes))
+    times = find_rising(values)
+    if len(episodes) > 1:
+        # The time of each episode begins anew.
+        of_first = {
+            name: column[is_first]
+            for name, column in values.items()
+            if column is not None and len(column) == len(is_first)
+        }
+        times = find_rising(of_first)
+        notes.append(f"episodes: {len(episodes)}, of which each recording names one")
+    return ColumnList(values, times, notes=tuple(notes), episodes=episodes)
+
+
+def list_array_episodes(path: Path, array_format: ArrayFormat) -> tuple[int, ...]:
+    """The numbers of the episodes in a file. Raises BadInput where it cannot be read."""
+    with _open(path, array_format) as arrays:
+        return _list_episodes(arrays)
+
+
+def _list_episodes(arrays: Mapping[str, StoredArray]) -> tuple[int, ...]:
+    array = arrays.get(EPISODE)
+    if array is None or len(array.shape) != 1 or array.data.dtype.kind not in _WHOLE_NUMBERS:
+        return ()
+    return tuple(int(number) for number in np.unique(array.read()))
+
+
+def _select_episode(
+    path: Path, arrays: Mapping[str, StoredArray], episode: int | None
+) -> NDArray[np.bool_]:
+    """Which samples (m,) belong to the requested episode; (0,) where a file knows none. Raises
+    BadInput where the episode is not in the file, or none is requested of several.
+    """
+    episodes = _list_episodes(arrays)
+    if not episodes:
+        if episode is not None:
+            raise BadInput(f"{path}: has no column {EPISODE}; remove episode = {episode}")
+        return np.zeros(0, dtype=bool)
+    if episode is None and len(episodes) > 1:
+        raise BadInput(
+            f"{path}: holds the episodes {episodes[0]} to {episodes[-1]}; state one in "
+            f"[[recordings]], as in episode = {episodes[0]}"
+        )
+    if episode is not None and episode not in episodes:
+        raise BadInput(f"{path}: holds no episode {episode}, but {episodes[0]} to {episodes[-1]}")
+    return np.asarray(arrays[EPISODE].read() == (episodes[0] if episode is None else episode))
 
 
 def _find_samples(arrays: Iterable[StoredArray]) -> int | None:
