@@ -1,5 +1,5 @@
 """Recordings from other sources. Entry points: `opening.open_recordings` for the leg,
 `experiment.read_experiment` for any mechanism.
 
-`layout` describes the files; `reading` and `recorded_files` read tables, HDF5, MCAP and ROS 2 bags.
+`layout` describes the files; `reading` reads tables, `recorded_files` any kind of recording.
 """

@@ -1,5 +1,5 @@
-"""Reads recordings of any mechanism: a folder with experiment.toml, a model file, and CSV files,
-HDF5 files or bags.
+"""Reads recordings of any mechanism: a folder with experiment.toml, a model file, and recordings of
+one kind.
 
 docs/mechanisms.md shows an experiment.toml. All values from this module are in SI units: rad or m,
 rad/s or m/s, N m, N, A or V.

@@ -4,6 +4,7 @@ measurement tools in vehicles, Parquet and Feather of data analysis.
 These packages are the extra `loggers`. Entry point: `find_logger`.
 """
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -81,7 +82,7 @@ def _open_mdf(path: Path) -> Iterator[Mapping[str, StoredArray]]:
         # Of two types, for MDF 3 and 4.
         groups: Sequence[Any] = file.groups
         for number, group in enumerate(groups):
-            names = [channel.name for channel in group.channels]
+            names = _number_repeated([channel.name for channel in group.channels])
             master = file.masters_db.get(number)
             for index, channel_name in enumerate(names):
                 if index == master:
@@ -96,6 +97,19 @@ def _open_mdf(path: Path) -> Iterator[Mapping[str, StoredArray]]:
                 times = f"{number}/{TIME}"
                 arrays[times] = _make_array(times, signal.timestamps, "s")
         yield arrays
+
+
+def _number_repeated(names: Sequence[str]) -> list[str]:
+    """The names, of which those that stand there several times have their number behind them."""
+    seen: Counter[str] = Counter()
+    numbered = []
+    for name in names:
+        seen[name] += 1
+        if names.count(name) > 1:
+            numbered.append(f"{name} ({seen[name]})")
+        else:
+            numbered.append(name)
+    return numbered
 
 
 @contextmanager

@@ -162,8 +162,14 @@ def _resolve(link: Path) -> Path:
 _HASH = re.compile("[0-9a-f]{64}")
 
 DIGITS = 32
-# zstd: files of a ROS 2 bag that were compressed as a whole.
-KINDS_OF_AN_EXPERIMENT = ("h5", "hdf5", "mcap", "db3", "zstd")
+# What an experiment may name: tables, files of data loggers, logs of a CAN bus with the databases
+# of their messages, and bags. zstd: files of a ROS 2 bag that were compressed as a whole.
+KINDS_OF_AN_EXPERIMENT = (
+    *("csv.gz", "tsv", "lvm", "h5", "hdf5", "mat"),
+    *("tdms", "mf4", "mdf", "parquet", "feather"),
+    *("blf", "asc", "log", "trc", "dbc", "kcd", "sym", "arxml"),
+    *("mcap", "db3", "bag", "zstd"),
+)
 
 
 def write_sums(folder: Path, coming: Mapping[str, bytes] | None = None) -> None:

@@ -197,6 +197,21 @@ def test_invalid_samples_of_an_mdf_are_left_out_with_a_note(tmp_path):
     assert len(read(path, "0/time", "0/torque").t_s) == SAMPLES
 
 
+def test_channels_of_one_name_in_a_group_are_numbered(write_mdf):
+    asammdf = pytest.importorskip("asammdf")
+    path = write_mdf({"angle": {"samples": ANGLE, "timestamps": T_S}})
+    with asammdf.MDF(path) as file:
+        version = file.version
+    with asammdf.MDF(version=version) as file:
+        file.append([asammdf.Signal(values, T_S, name="angle") for values in (ANGLE, TORQUE)])
+        file.save(path, overwrite=True)
+    recording = read(path, "0/time", "0/angle (1)", "0/angle (2)")
+    assert recording.values["0/angle (1)"] == pytest.approx(ANGLE)
+    assert recording.values["0/angle (2)"] == pytest.approx(TORQUE)
+    with pytest.raises(BadInput, match=r"0/angle, .* is missing; did you mean 0/angle \("):
+        read(path, "0/time", "0/angle")
+
+
 # python-can; tests/campaign/test_can_logs.py has more of it.
 
 CAN_CONTENTS = {

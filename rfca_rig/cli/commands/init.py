@@ -40,7 +40,9 @@ Model = Annotated[
 Data = Annotated[
     Path | None,
     typer.Option(
-        "--data", metavar="DIR", help="A folder with its recordings: CSV, HDF5, MCAP or ROS 2 bags."
+        "--data",
+        metavar="DIR",
+        help="A folder with its recordings: tables, HDF5, files of data loggers, CAN logs or bags.",
     ),
 ]
 
