@@ -128,6 +128,8 @@ def _load_database(file: Path) -> Database:
         raise BadInput(
             f"{file}: is no database of a CAN bus (DBC, KCD, SYM or ARXML): {_quote(error)}"
         ) from None
+    except MemoryError:
+        raise
     # Text that no parser expects may raise anything.
     except Exception as error:
         raise BadInput(f"{file}: cannot be read as a CAN database: {_quote(error)}") from None
@@ -191,7 +193,7 @@ def _read_messages(path: Path, kind: str, notes: list[str]) -> Iterator[can.Mess
                     _refuse_misread(path, reader)
                 count += 1
                 yield message
-        except BadInput:
+        except (BadInput, MemoryError):
             raise
         # Damaged bytes make the readers raise anything.
         except Exception as error:

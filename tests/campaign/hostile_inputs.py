@@ -1,9 +1,10 @@
-"""Models, TOML files, tables and bags that nobody means well with: too large, too deep, without
-an end, or with absurd values.
+"""Models, TOML files, tables, CAN logs and bags that nobody means well with: too large, too deep,
+without an end, or with absurd values.
 """
 
 import os
 import struct
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -279,6 +280,58 @@ def chunk(unpacked: int, compression: bytes, content: bytes) -> bytes:
         + content
     )
     return record(6, len(body), body)
+
+
+def blf(*objects: bytes) -> Write:
+    """A log of Vector with these objects, and a database beside it."""
+    head = b"LOGG" + struct.pack("<L", 144) + bytes(136)
+    database = 'VERSION ""\nBU_: A\nBO_ 41 M: 8 A\n SG_ S : 0|8@1+ (1,0) [0|0] "" A\n'
+
+    def write(path: Path) -> None:
+        path.with_suffix(".dbc").write_text(database, encoding="utf-8")
+        path.write_bytes(head + b"".join(objects))
+
+    return write
+
+
+def blf_object(kind: int, content: bytes, size: int | None = None) -> bytes:
+    stated = 16 + len(content) if size is None else size
+    return b"LOBJ" + struct.pack("<HHLL", 16, 1, stated, kind) + content
+
+
+def container(unpacked: bytes) -> bytes:
+    return blf_object(10, struct.pack("<HxxxxxxLxxxx", 2, len(unpacked)) + zlib.compress(unpacked))
+
+
+# A frame of no length, after which the same frame comes again.
+_FRAME = struct.pack("<LHHQ", 2, 0, 0, 0) + struct.pack("<HBBL8s", 1, 0, 8, 41, bytes(8))
+
+CAN_LOGS: dict[str, Write] = {
+    "head alone": blf(),
+    "container that claims 4 GB": blf(blf_object(10, b"", 2**32 - 1)),
+    "container of 256 MB of zeros": blf(container(bytes(2**28))),
+    "frame without end": blf(container(blf_object(1, _FRAME, 0))),
+    "object of no length": blf(blf_object(1, b"", 0)),
+    "random bytes": blf(bytes(range(256)) * 4000),
+    "line without end": lambda path: (
+        blf()(path),
+        path.write_bytes(b"(1.0) can0 029#" + b"00" * 50_000_000),
+    )[0],
+    "database of 200,000 signals": lambda path: (
+        blf()(path),
+        path.with_suffix(".dbc").write_text(
+            'VERSION ""\nBU_: A\nBO_ 41 M: 8 A\n' + ' SG_ S : 0|8@1+ (1,0) [0|0] "" A\n' * 200_000,
+            encoding="utf-8",
+        ),
+    )[0],
+    "signal of 10**9 bits": lambda path: (
+        blf(container(blf_object(1, _FRAME)))(path),
+        path.with_suffix(".dbc").write_text(
+            'VERSION ""\nBU_: A\nBO_ 41 M: 8 A\n SG_ S : 0|1000000000@1+ (1,0) [0|0] "" A\n',
+            encoding="utf-8",
+        ),
+    )[0],
+}
 
 
 BAGS: dict[str, Write] = {

@@ -1,5 +1,5 @@
-"""Hostile models, TOML files, tables and bags end in one line, within the limits of time and
-memory.
+"""Hostile models, TOML files, tables, CAN logs and bags end in one line, within the limits of time
+and memory.
 """
 
 import os
@@ -17,13 +17,14 @@ from rfca_rig.executors.reading import MEMORY_VARIABLE, TIME_VARIABLE, read_with
 from rfca_rig.mechanism import load
 from rfca_rig.mechanism.load import load_mechanism
 from rfca_rig.toml import read_toml
-from tests.campaign.hostile_inputs import BAGS, MODELS, TABLES, TOMLS, model
+from tests.campaign.hostile_inputs import BAGS, CAN_LOGS, MODELS, TABLES, TOMLS, model
 
 READERS = {
     "model.xml": (MODELS, load_mechanism),
     "experiment.toml": (TOMLS, lambda path: read_toml(path, ExperimentFile)),
     "run.csv": (TABLES, list_columns),
     "run.mcap": (BAGS, list_columns),
+    "run.blf": (CAN_LOGS, lambda path: list_columns(path, [path.with_suffix(".dbc")])),
 }
 CASES = [
     pytest.param(name, kind, id=f"{name}, {kind}")
@@ -51,7 +52,8 @@ def test_a_hostile_input_ends_in_one_line(tmp_path, monkeypatch, name, kind):
         read(path)
     except BadInput as error:
         assert "\n" not in str(error)
-        assert str(error).startswith(str(path))
+        # A CAN log has its database beside it.
+        assert str(error).startswith((str(path), str(path.with_suffix(".dbc"))))
     # What is harmless may be read.
     assert time.process_time() - began_s < 15.0
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kB < 2_500_000

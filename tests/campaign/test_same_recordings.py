@@ -5,6 +5,7 @@ kind of file holds them.
 import json
 import shutil
 
+import can
 import h5py
 import numpy as np
 import pytest
@@ -68,11 +69,54 @@ def write_json(path, t_s, angles, speeds, torques, leave_out_s=(0.0, 0.0)):
     bags.write_mcap(path, {"/joint_states": states, "/told": told})
 
 
+def make_database():
+    """Messages of CAN FD with the states and torques as doubles."""
+    signals = {
+        "State": [f"{letter}{place}" for letter in "qw" for place in (1, 2, 3)],
+        "Torque": [f"tau{place}" for place in (1, 2, 3)],
+    }
+    lines = ['VERSION ""', "BU_: Arm"]
+    doubles = []
+    formats = []
+    for identifier, (message, names) in enumerate(signals.items(), start=0x100):
+        lines.append(f"BO_ {identifier} {message}: {8 * len(names)} Arm")
+        for place, name in enumerate(names):
+            lines.append(f' SG_ {name} : {64 * place}|64@1- (1,0) [0|0] "" Arm')
+            doubles.append(f"SIG_VALTYPE_ {identifier} {name} : 2;")
+        formats.append(f'BA_ "VFrameFormat" BO_ {identifier} 2;')
+    enum = '"StandardCAN","ExtendedCAN","StandardCAN_FD","ExtendedCAN_FD"'
+    lines += [*doubles, f'BA_DEF_ BO_ "VFrameFormat" ENUM {enum};', *formats]
+    return "\n".join(lines) + "\n"
+
+
+def write_can_log(path, t_s, angles, speeds, torques):
+    path.with_name("arm.dbc").write_text(make_database(), encoding="utf-8")
+    with can.Logger(path) as log:
+        for t, state, torque in zip(t_s, np.hstack([angles, speeds]), torques, strict=True):
+            for identifier, values in ((0x100, state), (0x101, torque)):
+                log.on_message_received(
+                    can.Message(
+                        timestamp=1.7e9 + t,
+                        arbitration_id=identifier,
+                        data=values.astype("<f8").tobytes(),
+                        is_extended_id=False,
+                        is_fd=True,
+                        channel=0,
+                    )
+                )
+
+
 KINDS = {
     "hdf5": (write_hdf5, ".h5", "t", {"q": "arm/q[{0}]", "w": "arm/w[{0}]", "tau": "tau[{0}]"}),
     "db3": (lambda *a: write_ros(*a, StoragePlugin.SQLITE3), "", "header.stamp", {}),
     "mcap": (lambda *a: write_ros(*a, StoragePlugin.MCAP), "", "log time", {}),
     "json": (write_json, ".mcap", "log time", {}),
+    "can": (
+        write_can_log,
+        ".blf",
+        "log time",
+        {"q": "State.q{2}", "w": "State.w{2}", "tau": "Torque.tau{2}"},
+    ),
 }
 OF_BAGS = {
     "q": "/joint_states:position[{1}]",
@@ -104,7 +148,10 @@ def convert(campaign, folder, kind, **options):
         file.unlink()
     for letter, column in (columns or OF_BAGS).items():
         for place, joint in enumerate(JOINTS):
-            text = text.replace(f'"{letter}{place + 1}"', f'"{column.format(place, joint)}"')
+            column_name = column.format(place, joint, place + 1)
+            text = text.replace(f'"{letter}{place + 1}"', f'"{column_name}"')
+    if kind == "can":
+        text += '\n[can]\ndatabases = ["arm.dbc"]\n'
     (folder / "experiment.toml").write_text(text, encoding="utf-8")
     return folder
 
