@@ -91,6 +91,18 @@ def test_frames_of_can_fd_are_read_to_their_last_byte(tmp_path, databases, endin
     assert recording.values["Wide.Last"] == pytest.approx(np.sin(T_S), abs=1e-6)
 
 
+def test_frames_of_can_fd_in_a_log_of_peak_are_read(tmp_path, databases):
+    """As PCAN-View writes them; python-can's writer knows no CAN FD."""
+    lines = [";$FILEVERSION=2.1", ";$STARTTIME=45412.75", ";$COLUMNS=N,O,T,B,I,d,R,L,D"]
+    for number, t_s in enumerate(T_S, start=1):
+        data = bytes(60) + np.float32(np.sin(t_s)).tobytes()
+        lines.append(f"{number:7} {1e3 * t_s:13.3f} FB 1 0401 Rx - 15   {data.hex(' ').upper()}")
+    path = tmp_path / "run.trc"
+    path.write_text("\n".join(lines) + "\n")
+    recording = read(path, databases, "Wide.Last")
+    assert recording.values["Wide.Last"] == pytest.approx(np.sin(T_S), abs=1e-6)
+
+
 def status_frames(t_s, page, name, value=20.0):
     return [frame(t, "Status", {"Page": page, name: value}) for t in t_s]
 
