@@ -27,7 +27,13 @@ from rfca_rig.campaign.dialect import (
     uncover_names,
     with_point,
 )
-from rfca_rig.campaign.file_kinds import GZIP, LOOKED_AT, read_gzip, refuse_foreign
+from rfca_rig.campaign.file_kinds import (
+    GZIP,
+    LOOKED_AT,
+    find_can_log,
+    read_gzip,
+    refuse_foreign,
+)
 from rfca_rig.campaign.recorded_columns import finite_or_none
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.reading import (
@@ -140,6 +146,9 @@ def _read_lines(path: Path) -> list[str]:
     content = read_bytes(path, most_bytes, f"raise {MEMORY_VARIABLE}, or split it")
     if content.startswith(GZIP):
         content = read_gzip(path, most_bytes)
+        can_log = find_can_log(content[:LOOKED_AT])
+        if can_log:
+            raise BadInput(f"{path}: is a CAN log ({can_log}) packed by gzip; unpack it: gunzip")
     refuse_foreign(path, content[:LOOKED_AT])
     # Line ends of every operating system.
     text = decode_text(path, content).replace("\r\n", "\n").replace("\r", "\n")

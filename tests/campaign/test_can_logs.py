@@ -2,6 +2,8 @@
 and every fault in one line.
 """
 
+import gzip
+
 import numpy as np
 import pytest
 
@@ -451,6 +453,13 @@ def test_a_draft_lists_the_signals_and_names_the_database(tmp_path):
     )
     assert "1 frames that motor.dbc does not define are left out: 0x123" in draft
     assert "Torque" not in draft
+
+
+def test_a_log_that_is_packed_is_named_with_the_way_out(log, databases):
+    path = log(encoder_frames(T_S))
+    packed = path.with_name(f"{path.name}.gz")
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    assert "packed by gzip; unpack it: gunzip" in refuse(packed, databases)
 
 
 def test_every_kind_is_known_by_its_first_bytes(log, databases, tmp_path):
