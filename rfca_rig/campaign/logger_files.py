@@ -22,6 +22,9 @@ from rfca_rig.errors import BadInput
 EXTRA = "pip install 'rfca-rig[loggers]'"
 # Of the samples of a channel, beside them.
 TIME = "time"
+# Types of conversions of MDF 4 that give values a name: tables of values, and of ranges, to text
+# (ASAM MDF 4.1, CCBLOCK).
+VALUES_TO_TEXT = (7, 8)
 
 
 @dataclass(frozen=True)
@@ -90,13 +93,28 @@ def _open_mdf(path: Path) -> Iterator[Mapping[str, StoredArray]]:
                 # All samples: without the invalid ones, a channel would be shorter than its times.
                 signal = file.get(group=number, index=index, ignore_invalidation_bits=True)
                 name = f"{number}/{channel_name}"
-                arrays[name] = replace(
-                    _make_array(name, signal.samples, signal.unit),
-                    is_invalid=signal.invalidation_bits,
-                )
+                arrays[name] = _make_array(name, signal.samples, signal.unit)
+                # The types of conversions of MDF 3 have other numbers.
+                if file.version >= "4":
+                    is_invalid = _find_invalid(group.channels[index], signal)
+                    arrays[name] = replace(arrays[name], is_invalid=is_invalid)
                 times = f"{number}/{TIME}"
                 arrays[times] = _make_array(times, signal.timestamps, "s")
         yield arrays
+
+
+def _find_invalid(channel: Any, signal: Any) -> NDArray[np.bool_] | None:
+    """Which samples (m,) of a channel of MDF 4 are marked as invalid, or have a name in place of a
+    number, as "SNA"; None where none may.
+    """
+    is_invalid: NDArray[np.bool_] | None = signal.invalidation_bits
+    conversion = channel.conversion
+    has_names = conversion is not None and conversion.conversion_type in VALUES_TO_TEXT
+    # asammdf puts NaN for a name beside numbers.
+    if has_names and signal.samples.dtype.kind == "f":
+        is_named = np.isnan(signal.samples)
+        is_invalid = is_named if is_invalid is None else is_invalid | is_named
+    return is_invalid
 
 
 def _number_repeated(names: Sequence[str]) -> list[str]:

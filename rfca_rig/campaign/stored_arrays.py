@@ -189,7 +189,7 @@ def read_array_columns(
     is_valid = _find_valid(arrays_used, is_used)
     if not is_valid.all():
         count = np.count_nonzero(is_used & ~is_valid)
-        notes[f"{count} samples that the file marks as invalid are left out"] = None
+        notes[f"{count} samples that the file marks as invalid, or names, are left out"] = None
     used = {name: column[is_used & is_valid] for name, column in values.items()}
     _check_finite(path, used)
     return RecordedColumns(path, request.time_of(used), used, units=units, notes=tuple(notes))

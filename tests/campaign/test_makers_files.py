@@ -189,12 +189,31 @@ def test_invalid_samples_of_an_mdf_are_left_out_with_a_note(tmp_path):
         )
         file.save(path)
     recording = read(path, "0/time", "0/angle", "0/torque")
-    assert recording.notes == ("6 samples that the file marks as invalid are left out",)
+    assert recording.notes == ("6 samples that the file marks as invalid, or names, are left out",)
     assert recording.t_s == pytest.approx(T_S[~is_invalid])
     assert recording.values["0/angle"] == pytest.approx(ANGLE[~is_invalid])
     assert recording.values["0/torque"] == pytest.approx(TORQUE[~is_invalid])
     assert not read(path, "0/time", "0/torque").notes
     assert len(read(path, "0/time", "0/torque").t_s) == SAMPLES
+
+
+def test_values_of_an_mdf_that_have_names_are_left_out_with_a_note(tmp_path):
+    asammdf = pytest.importorskip("asammdf")
+    from asammdf.blocks.conversion_utils import from_dict
+
+    counts = np.round(TORQUE / 1e-3).astype(np.int16)
+    counts[5:8] = 32767
+    rule = from_dict(
+        {"val_0": 32767, "text_0": b"SNA", "default_addr": {"a": 1e-3, "b": 0.0}},
+    )
+    path = tmp_path / "run.mf4"
+    with asammdf.MDF(version="4.10") as file:
+        file.append([asammdf.Signal(counts, T_S, name="torque", unit="Nm", conversion=rule)])
+        file.save(path)
+    recording = read(path, "0/time", "0/torque")
+    is_named = counts == 32767
+    assert recording.notes == ("3 samples that the file marks as invalid, or names, are left out",)
+    assert recording.values["0/torque"] == pytest.approx(TORQUE[~is_named], abs=6e-4)
 
 
 def test_channels_of_one_name_in_a_group_are_numbered(write_mdf):
