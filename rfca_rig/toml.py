@@ -60,6 +60,10 @@ _DEEP_KEY = re.compile(
 # Of faults in one file that are put into words; only the first is reported.
 MOST_FAULTS = 200
 
+# Stands in a draft for a value that only its user knows.
+OPEN = "?"
+TO_FILL_IN = "is still a question mark; put the value in its place"
+
 # Digits after the point; the error of any fitted value is far larger.
 DECIMALS = 7
 
@@ -467,6 +471,8 @@ def _format_key(key: Key) -> str:
 
 
 def _plain(error: ErrorDetails) -> str:
+    if error["input"] == OPEN:
+        return TO_FILL_IN
     if error["type"] in _IN_WORDS:
         message = _IN_WORDS[error["type"]].format(**error.get("ctx", {}))
     else:
@@ -564,29 +570,31 @@ def _models_in(annotation: Any) -> Iterable[type[BaseModel]]:
         yield from _models_in(argument)
 
 
-def table(name: str, keys: Mapping[str, Any]) -> str:
+def table(name: str, keys: Mapping[str, Any], is_exact: bool = False) -> str:
     """[name] with its keys; keys with the value None are omitted."""
     return f"[{name}]\n" + "".join(
-        f"{toml_key(key)} = {format_value(value)}\n"
+        f"{toml_key(key)} = {format_value(value, is_exact)}\n"
         for key, value in keys.items()
         if value is not None
     )
 
 
-def format_value(value: Any) -> str:
-    """A value in TOML syntax; mappings become inline tables."""
+def format_value(value: Any, is_exact: bool = False) -> str:
+    """A value in TOML syntax; mappings become inline tables. Numbers have the digits that matter,
+    or all of them if `is_exact`.
+    """
     if isinstance(value, Mapping):
         return (
             "{ "
             + ", ".join(
-                f"{toml_key(key)} = {format_value(inner)}"
+                f"{toml_key(key)} = {format_value(inner, is_exact)}"
                 for key, inner in value.items()
                 if inner is not None
             )
             + " }"
         )
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(format_value(inner) for inner in value) + "]"
+        return "[" + ", ".join(format_value(inner, is_exact) for inner in value) + "]"
     # Before int: a bool is an int in Python.
     if isinstance(value, bool):
         if value:
@@ -596,6 +604,9 @@ def format_value(value: Any) -> str:
         return toml_string(value)
     if isinstance(value, int):
         return str(value)
+    if is_exact:
+        # The shortest text that reads back as the same 64-bit float.
+        return repr(float(value))
     return _number(float(value))
 
 

@@ -20,12 +20,13 @@ from rfca_rig.campaign.bags import (
 )
 from rfca_rig.campaign.layout import TIME_UNITS
 from rfca_rig.campaign.recorded_columns import (
+    LOG_TIME,
     ColumnList,
     ColumnRequest,
     RecordedColumns,
     finite_or_none,
 )
-from rfca_rig.campaign.time_base import LOG_TIME, NS_PER_S, TimedColumn, join_columns
+from rfca_rig.campaign.time_base import NS_PER_S, TimedColumn, join_columns
 from rfca_rig.errors import BadInput
 from rfca_rig.suggestions import suggestion
 

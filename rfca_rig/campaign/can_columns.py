@@ -26,12 +26,13 @@ from rfca_rig.campaign.can_logs import (
     read_can_log,
 )
 from rfca_rig.campaign.recorded_columns import (
+    LOG_TIME,
     ColumnList,
     ColumnRequest,
     RecordedColumns,
     finite_or_none,
 )
-from rfca_rig.campaign.time_base import LOG_TIME, TimedColumn, join_columns
+from rfca_rig.campaign.time_base import TimedColumn, join_columns
 from rfca_rig.errors import BadInput
 from rfca_rig.suggestions import suggestion
 

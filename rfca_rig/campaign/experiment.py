@@ -55,12 +55,12 @@ from rfca_rig.mechanism.load import Mechanism, load_mechanism, make_mechanism
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.recording.layout import EXPERIMENT, is_inside
 from rfca_rig.recording.outside import refuse_outside
-from rfca_rig.toml import format_value, place_of, read_toml
+from rfca_rig.toml import OPEN, format_value, place_of, read_toml
 
 Floats = NDArray[np.float64]
 
 # Nothing is guessed: only the user knows units and columns.
-PLACEHOLDER = '"?"'
+PLACEHOLDER = format_value(OPEN)
 
 
 @dataclass(frozen=True)

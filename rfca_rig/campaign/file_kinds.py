@@ -70,8 +70,14 @@ _CANDUMP_ON_SCREEN = re.compile(
 
 
 def is_hdf5(path: Path) -> bool:
-    """Whether a file is HDF5, whatever its name says; MATLAB's v7.3 is."""
-    return path.is_file() and bool(h5py.is_hdf5(path))
+    """Whether a file is HDF5, whatever its name says; MATLAB's v7.3 is. Raises BadInput where it
+    cannot be read.
+    """
+    if not path.is_file():
+        return False
+    # Its message names the cause, that of HDF5 the bytes.
+    read_beginning(path)
+    return bool(h5py.is_hdf5(path))
 
 
 def is_matlab_5(path: Path) -> bool:

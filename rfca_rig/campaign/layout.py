@@ -5,65 +5,33 @@
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import AfterValidator, Field, field_validator, model_validator
 
 from rfca_rig.description.sections import (
     AboutSection,
     DriveSection,
+    Effects,
     GroundSection,
     KnownToSection,
     LegSection,
     SensorSection,
 )
-from rfca_rig.toml import NotNegative, Positive, Section
+from rfca_rig.toml import OPEN, TO_FILL_IN, NotNegative, Positive, Section
 
 CAMPAIGN_FORMAT = "rfca-campaign/1"
 
-Text = Annotated[str, Field(min_length=1)]
+# Of the one stream of a stroke whose file holds all devices.
+STREAM_NAME = "table"
 
 
-class _Run(Section):
-    """`strokes_before` is the number of strokes that the leg had made in the campaign before this
-    run; needed only to detect slow changes.
-    """
-
-    file: Annotated[str, Field(min_length=1)]
-    strokes_before: Annotated[int, Field(ge=0)] | None = None
-
-    @field_validator("file")
-    @classmethod
-    def _inside_the_folder(cls, file: str) -> str:
-        if "\\" in file:
-            raise ValueError("write / between folder and file")
-        # Runs lie in the campaign's own folder, which is complete wherever it is copied.
-        if file.startswith("/") or ".." in file.split("/"):
-            raise ValueError("must lie inside the campaign's folder")
-        return file
+def _check_filled_in(text: str) -> str:
+    """Refuses the question mark of a draft."""
+    if text == OPEN:
+        raise ValueError(TO_FILL_IN)
+    return text
 
 
-class DynamicRun(_Run):
-    """One stroke: its file, its condition, and the number of the repeat."""
-
-    experiment: Literal["dynamic"]
-    height_mm: Positive
-    speed_rad_s: Positive
-    repeat: Annotated[int, Field(ge=1)]
-
-    @property
-    def condition(self) -> str:
-        return f"{self.height_mm:g} mm, {self.speed_rad_s:g} rad/s, repeat {self.repeat}"
-
-
-class StaticRun(_Run):
-    """A table of settled stages. `held_s` is how long the shaft had been held at the middle of each
-    reading; needed only for legs that creep.
-    """
-
-    experiment: Literal["static"]
-    held_s: Positive | None = None
-
-
-Run = Annotated[DynamicRun | StaticRun, Field(discriminator="experiment")]
+Text = Annotated[str, Field(min_length=1), AfterValidator(_check_filled_in)]
 
 
 class ColumnSection(Section):
@@ -81,6 +49,110 @@ class ColumnSection(Section):
     offset: float = Field(default=0.0, description="is added, in the quantity's unit")
 
 
+def _check_inside(file: str) -> str:
+    if "\\" in file:
+        raise ValueError("write / between folder and file")
+    # Runs lie in the campaign's own folder, which is complete wherever it is copied.
+    if file.startswith("/") or ".." in file.split("/"):
+        raise ValueError("must lie inside the campaign's folder")
+    return file
+
+
+FileInside = Annotated[Text, AfterValidator(_check_inside)]
+Streams = Annotated[dict[Text, FileInside], Field(min_length=1)]
+
+
+class _Run(Section):
+    """`strokes_before` is the number of strokes that the leg had made in the campaign before this
+    run; needed only to detect slow changes. `columns` takes the place of [columns] where this file
+    has other columns than the others.
+    """
+
+    strokes_before: Annotated[int, Field(ge=0)] | None = None
+    columns: dict[str, ColumnSection] | None = Field(
+        default=None, description="of this file, in place of [columns]"
+    )
+
+
+class DynamicRun(_Run):
+    """One stroke: its file, its condition, and the number of the repeat. `streams` names a file for
+    each device instead, by the device's name, where they sample at times of their own.
+    """
+
+    experiment: Literal["dynamic"]
+    file: FileInside | None = None
+    streams: Streams | None = Field(
+        default=None, description="file of each device, in place of one for all"
+    )
+    height_mm: Positive
+    speed_rad_s: Positive
+    repeat: Annotated[int, Field(ge=1)]
+    starts_at_s: float = Field(
+        default=0.0, description="time in the file at which the commanded speed begins to rise"
+    )
+    ends_at_s: float | None = Field(
+        default=None, description="time in the file at which the stroke ends; its last if absent"
+    )
+
+    @model_validator(mode="after")
+    def _has_files(self) -> Self:
+        if (self.file is None) == (self.streams is None):
+            raise ValueError("takes file, or else streams with a file for each device")
+        return self
+
+    @property
+    def files(self) -> dict[str, str]:
+        """The file of each stream, by its name."""
+        if self.file is not None:
+            return {STREAM_NAME: self.file}
+        return dict(self.streams or {})
+
+    @model_validator(mode="after")
+    def _ends_after_it_begins(self) -> Self:
+        if self.ends_at_s is not None and self.ends_at_s <= self.starts_at_s:
+            raise ValueError(f"ends_at_s should be after starts_at_s, {self.starts_at_s:g} s")
+        return self
+
+    @property
+    def condition(self) -> str:
+        return f"{self.height_mm:g} mm, {self.speed_rad_s:g} rad/s, repeat {self.repeat}"
+
+
+class StaticRun(_Run):
+    """A table of settled stages. `held_s` is how long the shaft had been held at the middle of each
+    reading; needed only for legs that creep.
+    """
+
+    experiment: Literal["static"]
+    file: FileInside
+    held_s: Positive | None = None
+
+    @property
+    def files(self) -> dict[str, str]:
+        """Its file."""
+        return {STREAM_NAME: self.file}
+
+
+class RawRun(Section):
+    """Samples of a stage that is no stroke, for a closer look: no analysis uses them. `cut_short`
+    is the reason where the stage was not completed.
+    """
+
+    experiment: Literal["raw"]
+    label: Annotated[str, Field(max_length=1000)]
+    height_mm: NotNegative
+    cut_short: Annotated[str, Field(max_length=1000)] = ""
+    streams: Streams = Field(description="file of each device")
+
+    @property
+    def files(self) -> dict[str, str]:
+        """The file of each stream, by its name."""
+        return dict(self.streams)
+
+
+Run = Annotated[DynamicRun | StaticRun | RawRun, Field(discriminator="experiment")]
+
+
 class CampaignFile(Section):
     """campaign.toml: the nominal model before the campaign, the uncertainties of its values, the
     runs, and which columns their files have.
@@ -89,10 +161,14 @@ class CampaignFile(Section):
     format: Literal["rfca-campaign/1"]
     title: Annotated[str, Field(max_length=1000)]
     about: AboutSection = AboutSection()
+    recorded_as: Literal["SIM", "REAL", "IMPORT"] | None = Field(
+        default=None, description="what a run was that export csv wrote; it stays an import"
+    )
     leg: LegSection
     ground: GroundSection
     sensor: SensorSection
     drive: DriveSection
+    effects: Effects = ()
     known_to: KnownToSection = KnownToSection()
     columns: dict[str, ColumnSection] = Field(default_factory=dict)
     runs: Annotated[tuple[Run, ...], Field(strict=False, min_length=1)]
@@ -104,6 +180,10 @@ class CampaignFile(Section):
     def static(self) -> Iterator[tuple[int, StaticRun]]:
         """The static runs, each with its index in `[[runs]]` from 0."""
         return ((index, run) for index, run in enumerate(self.runs) if isinstance(run, StaticRun))
+
+    def raw(self) -> Iterator[tuple[int, RawRun]]:
+        """The raw stages, each with its index in `[[runs]]` from 0."""
+        return ((index, run) for index, run in enumerate(self.runs) if isinstance(run, RawRun))
 
 
 EXPERIMENT_FORMAT = "rfca-experiment/1"

@@ -13,14 +13,14 @@ from rfca_rig.campaign.experiment import Experiment, read_experiment
 from rfca_rig.campaign.pendulum import FILE_NAME as PENDULUM
 from rfca_rig.campaign.pendulum import read_pendulum, run_files
 from rfca_rig.campaign.plausibility import refuse_slips
-from rfca_rig.campaign.reading import read_campaign
+from rfca_rig.campaign.reading import ALWAYS_MEASURED, MOST_DISORDER_S, read_campaign
 from rfca_rig.description.model_file import nominal_model
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.progress import ProgressCount, ignore_progress
 from rfca_rig.recording import run_folder
 from rfca_rig.recording.atomic import make_folder_atomically
 from rfca_rig.recording.layout import CAMPAIGN, EXPERIMENT, refuse_links
-from rfca_rig.recording.model import Recording, Stream
+from rfca_rig.recording.model import Recording, StaticStage, Stream
 from rfca_rig.recording.outside import refuse_outside
 from rfca_rig.recording.run_folder import partial_of, read_partial
 from rfca_rig.recording.store import read_recording, write_recording
@@ -31,12 +31,8 @@ RECORDING_NAME = "run.h5"
 FEWEST_SAMPLES = 3
 # A turn at 0.01 rad/s, the least speed of a plan, takes 630 s.
 LONGEST_STROKE_S = 3600.0
-# Records of a network that overtake each other are some ms apart.
-MOST_DISORDER_S = 0.1
 # Far above any unit of any quantity; squares of it are still numbers.
 MOST_VALUE = 1e100
-# Columns without which a sample would not be there.
-ALWAYS_MEASURED = ("shaft_angle_rad", "fy_N", "fz_N", "tx_Nm")
 
 
 def experiment_among(paths: Sequence[Path]) -> Path | None:
@@ -253,8 +249,30 @@ def import_campaign(
     recording = read_campaign(folder, report_progress, allow_outside)
     if not as_is:
         refuse_slips(folder, recording)
-    _make(out_folder, lambda partial: write_recording(recording, partial / RECORDING_NAME))
+    pictures = list_pictures(recording.static)
+    if not allow_outside:
+        refuse_outside((folder / name for name in pictures), [folder])
+
+    def write(partial: Path) -> None:
+        write_recording(recording, partial / RECORDING_NAME)
+        copy_pictures(pictures, folder, partial)
+
+    _make(out_folder, write)
     return out_folder / RECORDING_NAME
+
+
+def list_pictures(stages: Sequence[StaticStage]) -> list[str]:
+    """Photos and overlays of static stages, relative to the folder of their recording."""
+    pictures = [name for stage in stages for name in (stage.photo, stage.overlay) if name]
+    return list(dict.fromkeys(pictures))
+
+
+def copy_pictures(pictures: Sequence[str], source: Path, target: Path) -> None:
+    """Copy the pictures that are there; a report says of the others that they are gone."""
+    for name in pictures:
+        if (source / name).is_file():
+            (target / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(source / name, target / name)
 
 
 def import_pendulum(folder: Path, out_folder: Path, allow_outside: bool = False) -> Experiment:

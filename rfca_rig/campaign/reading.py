@@ -12,78 +12,78 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.campaign.layout import CAMPAIGN_FORMAT, CampaignFile, ColumnSection, DynamicRun
-from rfca_rig.campaign.table import CsvTable, number, numbers, read_table, rows
-from rfca_rig.campaign.units import are_different, find_factor
+from rfca_rig.campaign.layout import (
+    CAMPAIGN_FORMAT,
+    CampaignFile,
+    ColumnSection,
+    DynamicRun,
+    RawRun,
+    StaticRun,
+)
+from rfca_rig.campaign.recorded_columns import ColumnTable
+from rfca_rig.campaign.recorded_files import is_recording, open_columns, refuse_arrays
+from rfca_rig.campaign.table import CsvTable, number, read_only_names, read_table, rows
+from rfca_rig.campaign.units import (
+    IN_ANY_CASE,
+    SUFFIXES,
+    are_different,
+    find_factor,
+    unit_in_name,
+)
 from rfca_rig.description.model_file import read_named_curve
 from rfca_rig.description.sections import RigSections
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, ignore_progress, iterate_with_progress
-from rfca_rig.recording.layout import CAMPAIGN, HINGES, SHAFT, UNITS, WRENCH, sha256_of
-from rfca_rig.recording.model import Column, Direction, Recording, StaticStage, Stream, Stroke
+from rfca_rig.recording.layout import (
+    CAMPAIGN,
+    HINGES,
+    SHAFT,
+    UNITS,
+    WRENCH,
+    is_inside,
+    sha256_of,
+)
+from rfca_rig.recording.model import (
+    Column,
+    Direction,
+    RawStage,
+    Recording,
+    StaticStage,
+    Stream,
+    Stroke,
+)
 from rfca_rig.recording.outside import refuse_outside
 from rfca_rig.suggestions import suggestion
-from rfca_rig.toml import place_of, read_text, read_toml
+from rfca_rig.toml import Key, place_of, read_text, read_toml
 
 DYNAMIC = ("t_s", *SHAFT, *WRENCH)
 STATIC_NEEDED = ("height_mm", "stage", "direction", "shaft_angle_rad", "fy_N", "fz_N", "tx_Nm")
 STATIC = (*STATIC_NEEDED, *HINGES)
+# Columns of static stages that a run of this program has, beside the standard deviations, whose
+# names begin with STD.
+HINGE_STDS = tuple(name.replace("_deg", "_std_deg") for name in HINGES)
+READING_STDS = tuple(name.replace("_deg", "_reading_std_deg") for name in HINGES)
+STD = "std_"
+SETTLED = {"": None, "no": False, "yes": True}
+PICTURES = ("photo", "overlay")
+OF_RUNS = (
+    *(*HINGE_STDS, *READING_STDS, "settled", "held_s", "strokes_before"),
+    *(*PICTURES, "photo_doubts"),
+)
+# Columns without which a sample would not be there. In others a device may give no value.
+ALWAYS_MEASURED = ("t_s", "shaft_angle_rad", "fy_N", "fz_N", "tx_Nm")
+# Records of a network that overtake each other are some ms apart.
+MOST_DISORDER_S = 0.1
 
-_SUFFIXES = {
-    "rad_s2": "rad/s^2",
-    "rad_s": "rad/s",
-    "deg_s": "deg/s",
-    "m_s2": "m/s^2",
-    "m_s": "m/s",
-    "mm_s": "mm/s",
-    "rev_s": "rev/s",
-    "rad": "rad",
-    "mrad": "mrad",
-    "deg": "deg",
-    "rpm": "rpm",
-    "s": "s",
-    "ms": "ms",
-    "us": "us",
-    "min": "min",
-    "N": "N",
-    "kN": "kN",
-    "mN": "mN",
-    "lbf": "lbf",
-    "g": "g",
-    "kg": "kg",
-    "Nm": "N m",
-    "Nmm": "N mm",
-    "mNm": "mN m",
-    "kNm": "kN m",
-    "m": "m",
-    "mm": "mm",
-    "cm": "cm",
-    "um": "um",
-    "A": "A",
-    "mA": "mA",
-    "V": "V",
-    "mV": "mV",
-    "W": "W",
-    "C": "degC",
-    "K": "K",
-    "Hz": "Hz",
-    "kHz": "kHz",
-    "Pa": "Pa",
-    "kPa": "kPa",
-    "bar": "bar",
-    "pct": "%",
-    "counts": "counts",
-}
-# For comparison without case and signs, as in "FZ [kn]".
-_IN_ANY_CASE = {re.sub("[^a-z0-9]", "", suffix.lower()): suffix for suffix in _SUFFIXES}
 _OTHER_WORDS = {"time": "t", "sec": "s", "degrees": "deg", "radians": "rad"}
 
 Floats = NDArray[np.float64]
 
 # Rest that a recording needs before the motion starts, and the tolerance for rounded times.
 REST_S = 0.1
-STREAM_NAME = "table"
 _ROUNDING_S = 1e-6
+# Of a start that was read off the recording.
+START_ERROR_S = 0.005
 
 DIRECTIONS = ("loading", "unloading")
 
@@ -96,10 +96,10 @@ def unit_of(name: str) -> str:
     """
     if name in UNITS:
         return UNITS[name]
-    ends = [suffix for suffix in _SUFFIXES if name.endswith("_" + suffix)]
+    ends = [suffix for suffix in SUFFIXES if name.endswith("_" + suffix)]
     # The longest suffix: a name in rad_s ends in s, too.
     if ends:
-        return _SUFFIXES[max(ends, key=len)]
+        return SUFFIXES[max(ends, key=len)]
     return ""
 
 
@@ -170,7 +170,7 @@ def _quantity(name: str) -> tuple[str, str]:
         _OTHER_WORDS.get(word, word) for word in re.sub("[^a-z0-9]+", " ", name.lower()).split()
     ]
     for start in range(1, len(words)):
-        unit = _IN_ANY_CASE.get("".join(words[start:]))
+        unit = IN_ANY_CASE.get("".join(words[start:]))
         if unit is not None:
             return "_".join(words[:start]), unit
     return "_".join(words), ""
@@ -186,15 +186,20 @@ class ColumnMap:
         The known name of each column that the files call otherwise.
     factors, offsets
         Of each known name: what its numbers are multiplied by, and what is added.
+    units
+        The unit of each known name that the campaign states.
     """
 
     names: Mapping[str, str] = field(default_factory=dict)
     factors: Mapping[str, float] = field(default_factory=dict)
     offsets: Mapping[str, float] = field(default_factory=dict)
+    units: Mapping[str, str] = field(default_factory=dict)
 
-    def apply(self, table: CsvTable, quantities: Sequence[str]) -> "tuple[CsvTable, ColumnMap]":
-        """The table with the known names, and the part of the map that it needed; `quantities` are
-        those that such a table may have.
+    def apply(
+        self, table: CsvTable | ColumnTable, quantities: Sequence[str]
+    ) -> "tuple[tuple[str, ...], ColumnMap]":
+        """The known name of each column of the table, and the part of the map that it needed;
+        `quantities` are those that such a table may have.
 
         Raises BadInput where a column is missing, or the file states a unit that contradicts the
         map.
@@ -205,21 +210,28 @@ class ColumnMap:
                 used[in_file] = known
             elif known in quantities and known not in table.names:
                 raise BadInput(
-                    f"{table.path}:{table.dialect.names + 1}: column {in_file}, which "
-                    f"[columns.{known}] names, is missing; the file has {', '.join(table.names)}"
+                    f"{table.header}: column {in_file}, which [columns.{known}] names, is "
+                    f"missing; the file has {', '.join(table.names)}"
                 )
-        for name, unit in table.units.items():
+        for name, unit in _list_stated_units(table, used).items():
             known = used.get(name, name)
+            stated = ""
+            if name in used:
+                stated = self.units.get(known, "")
+            if stated and are_different(unit, stated):
+                raise BadInput(
+                    f"{table.path}: column {name}: the file states the unit {unit}, and "
+                    f"[columns.{known}] of {CAMPAIGN} {stated}; correct one"
+                )
             expected = unit_of(known)
-            is_stated = name in used and known in self.factors
-            if expected and not is_stated and are_different(unit, expected):
+            if expected and not stated and are_different(unit, expected):
                 raise BadInput(
                     f"{table.path}: column {name}: the file states the unit {unit}, and {known} "
                     f'is in {expected}; write unit = "{unit}" in [columns.{known}] of {CAMPAIGN}'
                 )
         names = tuple(used.get(name, name) for name in table.names)
         factors = {known: self.factors[known] for known in used.values() if known in self.factors}
-        return replace(table, names=names), replace(self, names=used, factors=factors)
+        return names, replace(self, names=used, factors=factors)
 
     def convert(self, name: str, values: Floats) -> Floats:
         """Values (m,) of a known quantity from its numbers in the file."""
@@ -228,15 +240,30 @@ class ColumnMap:
         return self.factors[name] * values + self.offsets[name]
 
 
-def make_column_map(path: Path, columns: Mapping[str, ColumnSection]) -> ColumnMap:
-    """The map that [columns] of the campaign at `path` states. Raises BadInput for an unknown
-    quantity, or a unit that is none of it.
+def _list_stated_units(table: CsvTable | ColumnTable, used: Mapping[str, str]) -> dict[str, str]:
+    """The unit of each column that the file itself states, or the name of a column of `used`."""
+    stated = {}
+    for name, known in used.items():
+        label = name
+        if isinstance(table, ColumnTable):
+            label = table.label(name)
+        _, unit = unit_in_name(label)
+        if unit and find_factor(unit, unit_of(known)) is not None:
+            stated[name] = unit
+    return {**stated, **table.units}
+
+
+def make_column_map(path: Path, columns: Mapping[str, ColumnSection], table: Key = ()) -> ColumnMap:
+    """The map that [columns] of the campaign at `path` states, or that of the entry `table`.
+
+    Raises BadInput for an unknown quantity, or a unit that is none of it.
     """
     names: dict[str, str] = {}
     factors = {}
     offsets = {}
+    units = {}
     for known, column in columns.items():
-        where = place_of(path, ("columns", known))
+        where = place_of(path, (*table, "columns", known))
         if known not in (*DYNAMIC, *STATIC):
             quantities = sorted({*DYNAMIC, *STATIC})
             raise BadInput(f"{where}: columns.{known}: {suggestion(known, quantities)}")
@@ -254,10 +281,12 @@ def make_column_map(path: Path, columns: Mapping[str, ColumnSection]) -> ColumnM
             raise BadInput(
                 f"{where}: columns.{known}.unit: {column.unit!r} cannot be converted to {unit}"
             )
+        if column.unit is not None:
+            units[known] = column.unit
         if column.unit is not None or column.sign < 0 or column.offset:
             factors[known] = column.sign * factor
             offsets[known] = column.offset
-    return ColumnMap(names, factors, offsets)
+    return ColumnMap(names, factors, offsets, units)
 
 
 NO_MAP = ColumnMap()
@@ -275,19 +304,59 @@ def read_stages(
     may be absent; their angles are then NaN. Raises BadInput, naming file, line and column, for the
     first fault.
     """
-    table, column_map = column_map.apply(read_table(path), STATIC)
+    refuse_arrays(path, "static stages, with their directions as text")
+    table = read_table(path)
+    names, column_map = column_map.apply(table, STATIC)
+    table = replace(table, names=names)
     if fault := find_name_fault(table.names, known=STATIC, needed=STATIC_NEEDED):
         raise BadInput(f"{table.path}:1: {fault}")
     lines = [dict(zip(table.names, cells, strict=True)) for cells in rows(table)]
     extra: Extra = {}
     for name in table.names:
-        if name not in STATIC:
+        if name not in (*STATIC, *OF_RUNS) and not name.startswith(STD):
             extra[name] = [cells[name] for cells in lines]
-    stages = tuple(
-        replace(_stage(table, row, cells, column_map), strokes_before=strokes_before, held_s=held_s)
-        for row, cells in enumerate(lines)
-    )
-    return stages, extra
+    stages = []
+    for row, cells in enumerate(lines):
+        stage = _stage(table, row, cells, column_map)
+        stage = replace(stage, strokes_before=strokes_before, held_s=held_s)
+        stages.append(_add_what_runs_have(stage, table, row, cells))
+    return tuple(stages), extra
+
+
+def _add_what_runs_have(
+    stage: StaticStage, table: CsvTable, row: int, cells: Mapping[str, str]
+) -> StaticStage:
+    """The stage with the columns that `export csv` writes of a run, where the table has them."""
+
+    def read(name: str) -> float:
+        return _number_or_nan(table, row, name, cells.get(name, ""))
+
+    added: dict[str, Any] = {
+        "hinge_std_deg": tuple(read(name) for name in HINGE_STDS),
+        "hinge_reading_std_deg": tuple(read(name) for name in READING_STDS),
+        "photo_doubts": cells.get("photo_doubts", ""),
+    }
+    for name in PICTURES:
+        added[name] = cells.get(name, "")
+        if not is_inside(added[name]):
+            raise table.fault(row, f"column {name}: should be a path inside the campaign's folder")
+    stds = {name.removeprefix(STD): read(name) for name in cells if name.startswith(STD)}
+    added["std"] = {name: value for name, value in stds.items() if not math.isnan(value)}
+    if cells.get("held_s"):
+        added["held_s"] = read("held_s")
+    if cells.get("strokes_before"):
+        added["strokes_before"] = _whole(table, row, "strokes_before", read("strokes_before"))
+    settled = cells.get("settled", "")
+    if settled not in SETTLED:
+        raise table.fault(row, f"column settled: {settled!r} should be yes, no or empty")
+    return replace(stage, settled=SETTLED[settled], **added)
+
+
+def _number_or_nan(table: CsvTable, row: int, name: str, cell: str) -> float:
+    """The cell as a number; NaN where it is empty or says so."""
+    if not cell or cell.lower() == "nan":
+        return math.nan
+    return number(table, row, name, cell)
 
 
 def _stage(
@@ -295,7 +364,10 @@ def _stage(
 ) -> StaticStage:
     value = {}
     for name in STATIC:
-        if name in cells and name != "direction":
+        if name in HINGES and cells.get(name) == "nan":
+            # No photo gave the angle.
+            value[name] = math.nan
+        elif name in cells and name != "direction":
             as_it_stands = np.array([number(table, row, name, cells[name])])
             value[name] = float(column_map.convert(name, as_it_stands)[0])
     cell = cells["direction"]
@@ -325,47 +397,118 @@ def _whole(table: CsvTable, row: int, name: str, value: float) -> int:
     return int(value)
 
 
-def read_stroke(path: Path, run: DynamicRun, column_map: ColumnMap = NO_MAP) -> Stroke:
-    """Read the stroke in the file, with all its columns in one stream "table", by the names and in
-    the units of `column_map`.
+def read_stroke(folder: Path, run: DynamicRun, column_map: ColumnMap = NO_MAP) -> Stroke:
+    """Read a stroke from its files in `folder`, of any kind, by the names and in the units of
+    `column_map`. All columns of one file become one stream.
 
-    A channel may be absent, and extra columns are kept. Raises BadInput, naming file, line and
-    column, for the first fault.
+    A channel may be absent, and extra columns of numbers are kept. Raises BadInput, naming file,
+    line and column, for the first fault.
     """
-    table, column_map = column_map.apply(read_table(path), DYNAMIC)
-    _check_names(table)
-    values = numbers(table)
-    for index, name in enumerate(table.names):
-        values[:, index] = column_map.convert(name, values[:, index])
-    time = table.names.index("t_s")
-    _check_time(table, values[:, time])
-    columns = {
-        name: Column(np.ascontiguousarray(values[:, i]), unit_of(name))
-        for i, name in enumerate(table.names)
-        if i != time
-    }
-    stream = Stream(np.ascontiguousarray(values[:, time]), columns)
-    return Stroke(
-        run.height_mm / 1e3, run.speed_rad_s, run.repeat, {STREAM_NAME: stream}, run.strokes_before
-    )
+    streams = {}
+    for name, file in run.files.items():
+        table = open_columns(folder / file)
+        quantities: tuple[str, ...] = DYNAMIC
+        if run.streams is not None:
+            # Each device has some of the quantities.
+            quantities = ("t_s",)
+        stream = _read_stream(table, column_map, quantities, run.streams is not None)
+        t_s = stream.t_s
+        # Not for 0, so that a file's own times keep every digit.
+        if run.starts_at_s:
+            t_s = t_s - run.starts_at_s
+        stream = replace(stream, t_s=t_s)
+        if run.ends_at_s is not None:
+            stream = _cut(table, stream, run.ends_at_s - run.starts_at_s)
+        needed_s = 0.0
+        if run.streams is None:
+            needed_s = REST_S - (START_ERROR_S if run.starts_at_s else _ROUNDING_S)
+        _check_span(table, stream.t_s, needed_s)
+        streams[name] = stream
+    measured = {name for stream in streams.values() for name in stream.columns}
+    for in_file, known in column_map.names.items():
+        if known in DYNAMIC and known not in (*measured, "t_s"):
+            raise BadInput(
+                f"{folder / file}: column {in_file}, which [columns.{known}] names, is in none of "
+                f"the files {', '.join(run.files.values())}"
+            )
+    return Stroke(run.height_mm / 1e3, run.speed_rad_s, run.repeat, streams, run.strokes_before)
 
 
-def _check_names(table: CsvTable) -> None:
-    fault = find_name_fault(table.names, known=DYNAMIC, needed=("t_s",))
-    if fault is None and len(table.names) == 1:
+def read_raw_stage(folder: Path, run: RawRun) -> RawStage:
+    """Read the samples of a stage that is no stroke, from the files of its devices in `folder`."""
+    streams = {}
+    for name, file in run.streams.items():
+        if only_names := read_only_names(folder / file):
+            columns = {column: Column(np.zeros(0), unit_of(column)) for column in only_names[1:]}
+            streams[name] = Stream(np.zeros(0), columns)
+        else:
+            table = open_columns(folder / file)
+            streams[name] = _read_stream(table, NO_MAP, ("t_s",), is_of_device=True)
+    return RawStage(run.label, run.height_mm / 1e3, streams, run.cut_short)
+
+
+def _read_stream(
+    table: ColumnTable, column_map: ColumnMap, quantities: Sequence[str], is_of_device: bool
+) -> Stream:
+    """All columns of a file, by their known names; of one device they may have gaps, and records
+    that overtake each other.
+    """
+    names, column_map = column_map.apply(table, quantities)
+    _check_names(table, names)
+    in_file = {}
+    for known, name in zip(names, table.names, strict=True):
+        if known in DYNAMIC or name in table.extras:
+            in_file[known] = name
+    kept = ["t_s", *(known for known in in_file if known != "t_s")]
+    whole: tuple[str, ...] = DYNAMIC
+    if is_of_device:
+        whole = ALWAYS_MEASURED
+    gaps = tuple(in_file[known] for known in kept if known not in whole)
+    values = table.read([in_file[known] for known in kept], gaps)
+    for index, known in enumerate(kept):
+        values[:, index] = column_map.convert(known, values[:, index])
+    _check_forwards(table, values[:, 0], MOST_DISORDER_S if is_of_device else 0.0)
+    columns = {}
+    for index, known in enumerate(kept[1:], start=1):
+        column = np.ascontiguousarray(values[:, index])
+        is_count = known not in DYNAMIC and in_file[known] in table.counts
+        # The file's first and last cell were looked at, not those between them.
+        if is_count and (column == np.round(column)).all():
+            column = column.astype(np.int64)
+        columns[known] = Column(column, unit_of(known))
+    return Stream(np.ascontiguousarray(values[:, 0]), columns)
+
+
+def _cut(table: ColumnTable, stream: Stream, end_s: float) -> Stream:
+    """The samples up to a time. Raises BadInput where there are none."""
+    is_before = stream.t_s <= end_s
+    if not is_before.any():
+        raise BadInput(f"{table.path}: no sample lies before ends_at_s")
+    columns = {}
+    for name, column in stream.columns.items():
+        columns[name] = Column(column.data[is_before], column.unit)
+    return Stream(stream.t_s[is_before], columns)
+
+
+def _check_names(table: ColumnTable, names: Sequence[str]) -> None:
+    # Arrays are named by their path in the file.
+    own_names = list(names)
+    if table.first_line is None:
+        own_names = list(dict.fromkeys(table.label(name) for name in names))
+    fault = find_name_fault(own_names, known=DYNAMIC, needed=()) or _missing(names, ("t_s",))
+    if fault is None and len(names) == 1:
         fault = (
             f"only t_s, and nothing that was measured; known channels are {', '.join(DYNAMIC[1:])}"
         )
     if fault:
-        raise BadInput(f"{table.path}:1: {fault}")
+        raise BadInput(f"{table.header}: {fault}")
 
 
-def _check_time(table: CsvTable, t_s: Floats) -> None:
-    """Time must run forwards, start at least 0.1 s before the motion, and reach it. Otherwise
-    the level at rest is unknown.
+def _check_forwards(table: ColumnTable, t_s: Floats, most_back_s: float) -> None:
+    """Time must run forwards, or by `most_back_s` backwards at most. Without it, repeated times are
+    refused as well: they leave derivatives undefined.
     """
-    # Repeated times are refused as well: they leave derivatives undefined.
-    backwards = np.flatnonzero(np.diff(t_s) <= 0)
+    backwards = np.flatnonzero(np.diff(t_s) <= -most_back_s)
     if backwards.size:
         row = int(backwards[0]) + 1
         if t_s[row] == t_s[row - 1]:
@@ -373,12 +516,18 @@ def _check_time(table: CsvTable, t_s: Floats) -> None:
         else:
             how = f"runs backwards, from {t_s[row - 1]:g} s to"
         raise table.fault(row, f"column t_s: time {how} {t_s[row]:g} s")
-    if t_s[0] > -REST_S + _ROUNDING_S:
+
+
+def _check_span(table: ColumnTable, t_s: Floats, needed_s: float) -> None:
+    """Time must start at least 0.1 s before the motion, and reach it. Otherwise the level at rest
+    is unknown. `needed_s` is that time with its tolerance, 0 for none.
+    """
+    if needed_s and t_s[0] > -needed_s:
         raise table.fault(
             0,
             (
                 f"column t_s: begins at {t_s[0]:g} s; needs {REST_S:g} s or more before the "
-                "motion starts at t_s = 0"
+                "motion starts at t_s = 0; state the time of the start as starts_at_s of the run"
             ),
         )
     if t_s[-1] <= 0:
@@ -407,7 +556,7 @@ def read_campaign(
     described = read_toml(path, CampaignFile)
     if not allow_outside:
         section = described.leg.torque_rotation
-        named = [run.file for run in described.runs]
+        named = _list_files(described)
         if section is not None and section.curve is not None:
             named.append(section.curve)
         refuse_outside((folder / name for name in named), [folder])
@@ -417,7 +566,8 @@ def read_campaign(
     static, extra = _stages(folder, campaign)
     # Before the hashes, because it says which file cannot be read.
     strokes = _strokes(folder, campaign, report_progress)
-    hashes = {run.file: sha256_of(folder / run.file) for run in campaign.runs}
+    raw = tuple(read_raw_stage(folder, run) for _, run in campaign.raw())
+    hashes = {file: sha256_of(folder / file) for file in _list_files(campaign)}
     provenance = {
         "format": CAMPAIGN_FORMAT,
         CAMPAIGN: read_text(folder / CAMPAIGN),
@@ -429,6 +579,7 @@ def read_campaign(
         "operator": about.operator,
         "sample": about.specimen,
         "rig": about.rig,
+        "recorded_as": campaign.recorded_as,
     }
     provenance |= {name: text for name, text in stated.items() if text}
     if extra:
@@ -441,26 +592,44 @@ def read_campaign(
         strokes=strokes,
         static=static,
         provenance=provenance,
+        raw=raw,
     )
+
+
+def _list_files(campaign: CampaignFile) -> list[str]:
+    """The files of all runs."""
+    return [file for run in campaign.runs for file in run.files.values()]
 
 
 def _strokes(
     folder: Path, campaign: CampaignFile, report_progress: ProgressCount
 ) -> tuple[Stroke, ...]:
-    column_map = make_column_map(folder / CAMPAIGN, campaign.columns)
     return tuple(
-        read_stroke(folder / run.file, run, column_map)
-        for _, run in iterate_with_progress(list(campaign.dynamic()), report_progress)
+        read_stroke(folder, run, _map_of_run(folder, campaign, index, run))
+        for index, run in iterate_with_progress(list(campaign.dynamic()), report_progress)
     )
+
+
+def _map_of_run(
+    folder: Path, campaign: CampaignFile, index: int, run: DynamicRun | StaticRun
+) -> ColumnMap:
+    """The run's own map, else that of all files."""
+    if run.columns is None:
+        return make_column_map(folder / CAMPAIGN, campaign.columns)
+    return make_column_map(folder / CAMPAIGN, run.columns, ("runs", index))
 
 
 def _stages(
     folder: Path, campaign: CampaignFile
 ) -> tuple[tuple[StaticStage, ...], dict[str, Extra]]:
-    column_map = make_column_map(folder / CAMPAIGN, campaign.columns)
     tables = {
-        run.file: read_stages(folder / run.file, run.strokes_before, run.held_s, column_map)
-        for _, run in campaign.static()
+        run.file: read_stages(
+            folder / run.file,
+            run.strokes_before,
+            run.held_s,
+            _map_of_run(folder, campaign, index, run),
+        )
+        for index, run in campaign.static()
     }
     stages = tuple(stage for file_stages, _ in tables.values() for stage in file_stages)
     return stages, {file: extra for file, (_, extra) in tables.items() if extra}
@@ -473,23 +642,27 @@ def _nominal(campaign: CampaignFile) -> dict[str, Any]:
 
 
 def _check_files(folder: Path, campaign: CampaignFile) -> None:
-    """Every run has a file of its own, and every CSV in their folders has a run. Otherwise a
+    """Every run has a file of its own, and every recording in their folders has a run. Otherwise a
     file would be ignored silently.
     """
     named: dict[str, int] = {}
     for index, run in enumerate(campaign.runs):
-        if run.file in named:
-            raise BadInput(
-                f"{_entry(folder, index, 'file')}: {run.file} is already the file of "
-                f"runs[{named[run.file] + 1}]"
-            )
-        if not (folder / run.file).is_file():
-            raise BadInput(
-                f"{_entry(folder, index, 'file')}: {folder / run.file} is not "
-                f"there{_hint(folder, campaign, run.file)}"
-            )
-        named[run.file] = index
-    left_out = sorted(file for file in _csv_files(folder, campaign) if file not in named)
+        key = "file"
+        if getattr(run, "streams", None) is not None:
+            key = "streams"
+        for file in run.files.values():
+            if file in named:
+                raise BadInput(
+                    f"{_entry(folder, index, key)}: {file} is already the file of "
+                    f"runs[{named[file] + 1}]"
+                )
+            if not (folder / file).is_file():
+                raise BadInput(
+                    f"{_entry(folder, index, key)}: {folder / file} is not "
+                    f"there{_hint(folder, campaign, file)}"
+                )
+            named[file] = index
+    left_out = sorted(file for file in _recorded_files(folder, campaign) if file not in named)
     if left_out:
         if len(left_out) > 1:
             more = f" (nor {len(left_out) - 1} more)"
@@ -501,20 +674,20 @@ def _check_files(folder: Path, campaign: CampaignFile) -> None:
         )
 
 
-def _csv_files(folder: Path, campaign: CampaignFile) -> Iterator[str]:
-    # CSV files directly in the campaign's folder may be anything and are not searched.
-    folders = {folder / "runs"} | {(folder / run.file).parent for run in campaign.runs}
+def _recorded_files(folder: Path, campaign: CampaignFile) -> Iterator[str]:
+    # Files directly in the campaign's folder may be anything and are not searched.
+    folders = {folder / "runs"} | {(folder / file).parent for file in _list_files(campaign)}
     for subfolder in sorted(folders - {folder}):
         if subfolder.is_dir():
             yield from (
                 file.relative_to(folder).as_posix()
                 for file in subfolder.iterdir()
-                if file.suffix.lower() == ".csv"
+                if is_recording(file)
             )
 
 
 def _hint(folder: Path, campaign: CampaignFile, file: str) -> str:
-    unnamed = set(_csv_files(folder, campaign)) - {run.file for run in campaign.runs}
+    unnamed = set(_recorded_files(folder, campaign)) - {*_list_files(campaign)}
     close = difflib.get_close_matches(file, sorted(unnamed), n=1, cutoff=0.6)
     if close:
         return f"; did you mean {close[0]}?"
@@ -539,7 +712,7 @@ def _check_conditions(path: Path, campaign: CampaignFile) -> None:
             before, other = first_of[key]
             raise BadInput(
                 f"{_entry(path.parent, index, 'repeat')}: {run.condition} is already "
-                f"runs[{before + 1}] ({other.file})"
+                f"runs[{before + 1}] ({', '.join(other.files.values())})"
             )
         first_of[key] = (index, run)
 

@@ -1,6 +1,7 @@
 """Columns of one recording on one time base, for any kind of file."""
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -8,9 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rfca_rig.campaign.layout import TIME_UNITS, TimeSection
+from rfca_rig.campaign.units import read_suffix
 from rfca_rig.errors import BadInput
 
 Floats = NDArray[np.float64]
+
+# A unit as rad/s or 1/min at the end of a name.
+_PER_TIME = re.compile(r"\w*/(s2?|sec|min)[\])}]*$")
+# Name of the time at which the recorder of a bag received a message.
+LOG_TIME = "log time"
 
 
 @dataclass(frozen=True)
@@ -80,15 +87,82 @@ class RecordedColumns:
 
     def fault(self, row: int, problem: str) -> BadInput:
         """The error for sample `row`, from 0."""
-        # Text files are named by line, others by sample: a user looks there.
-        if self.first_line is None:
-            return BadInput(f"{self.path}: sample {row + 1}: {problem}")
-        return BadInput(f"{self.path}:{row + self.first_line}: {problem}")
+        return fault_in_sample(self.path, self.first_line, row, problem)
+
+
+@dataclass(frozen=True)
+class ColumnTable:
+    """All columns of one recording, of any kind of file, which are read when they are asked for.
+
+    Parameters
+    ----------
+    path
+        The recording.
+    names
+        Names of the columns.
+    reader
+        What `read` calls.
+    extras
+        Columns of numbers that may be kept beside those that are asked for by name.
+    counts
+        Columns of whole numbers.
+    units
+        The unit that the file itself states, by the column's name.
+    header
+        Where the file has the names, for messages.
+    first_line
+        The line of the first sample in a text file, None for other files.
+    notes
+        What was read otherwise than it stands there, a sentence each.
+    """
+
+    path: Path
+    names: tuple[str, ...]
+    reader: Callable[[Sequence[str], Sequence[str]], Floats]
+    extras: tuple[str, ...]
+    counts: tuple[str, ...]
+    units: Mapping[str, str]
+    header: str
+    first_line: int | None = None
+    notes: tuple[str, ...] = ()
+
+    def read(self, names: Sequence[str], gaps: Sequence[str] = ()) -> Floats:
+        """Finite numbers (m, k) of these columns, of which the first is the time. Those of `gaps`
+        may hold NaN where there is no value. Raises BadInput.
+        """
+        return self.reader(names, gaps)
+
+    def label(self, name: str) -> str:
+        """The name of a column without the groups that hold it in a file of arrays."""
+        if self.first_line is not None:
+            return name
+        # The slash of a unit, or in front of one, is no group's.
+        of_unit = _PER_TIME.search(name)
+        end = len(name)
+        if of_unit is not None:
+            end = of_unit.start()
+        slash = name.rfind("/", 0, end)
+        while slash > 0 and read_suffix(name[slash + 1 :]):
+            slash = name.rfind("/", 0, slash)
+        return name[slash + 1 :]
+
+    def fault(self, row: int, problem: str) -> BadInput:
+        """The error for sample `row`, from 0."""
+        return fault_in_sample(self.path, self.first_line, row, problem)
+
+
+def fault_in_sample(path: Path, first_line: int | None, row: int, problem: str) -> BadInput:
+    """The error for sample `row`, from 0, of a recording. Text files are named by line, others by
+    sample: a user looks there.
+    """
+    if first_line is None:
+        return BadInput(f"{path}: sample {row + 1}: {problem}")
+    return BadInput(f"{path}:{row + first_line}: {problem}")
 
 
 @dataclass(frozen=True)
 class ColumnList:
-    """All columns that a recording offers, for a draft of experiment.toml.
+    """All columns that a recording offers, for a draft.
 
     Parameters
     ----------
@@ -100,6 +174,8 @@ class ColumnList:
         Text for a recording in which none may be.
     time_unit
         The unit of the time, None where only the user knows it.
+    units
+        The unit that the file itself states, by the column's name.
     notes
         Lines about the recording as a whole.
     episodes
@@ -112,6 +188,7 @@ class ColumnList:
     times: tuple[str, ...]
     no_time: str = "none of the columns rises throughout"
     time_unit: str | None = None
+    units: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     episodes: tuple[int, ...] = ()
     labels: Mapping[str, str] = field(default_factory=dict)

@@ -2,11 +2,16 @@
 into named columns on one time base.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from rfca_rig.campaign.dialect import is_value
 from rfca_rig.campaign.file_kinds import (
     CAN_DATABASES,
     ROS_1_BAG,
@@ -15,11 +20,14 @@ from rfca_rig.campaign.file_kinds import (
     is_matlab_5,
     read_beginning,
 )
+from rfca_rig.campaign.layout import TimeSection
 from rfca_rig.campaign.lerobot import INFO, META, describe_data_set, find_info
 from rfca_rig.campaign.logger_files import find_logger
 from rfca_rig.campaign.recorded_columns import (
+    LOG_TIME,
     ColumnList,
     ColumnRequest,
+    ColumnTable,
     RecordedColumns,
     find_rising,
 )
@@ -30,11 +38,16 @@ from rfca_rig.campaign.stored_arrays import (
     list_array_columns,
     list_array_episodes,
     read_array_columns,
+    read_arrays,
 )
-from rfca_rig.campaign.table import columns, numeric_columns, read_table
+from rfca_rig.campaign.table import columns, find_counts, numeric_columns, read_table
 from rfca_rig.errors import BadInput
 from rfca_rig.executors.reading import read_within_limits
 
+Floats = NDArray[np.float64]
+
+# Between two samples of a stroke in a bag: the slowest rate at which a leg is recorded, 20 Hz.
+LONGEST_GAP_S = 0.05
 # Endings of tables of text. A .txt or .dat may be anything, and is read where a file names it.
 TEXT = (".csv", ".csv.gz", ".tsv", ".lvm")
 HDF5 = (".h5", ".hdf5")
@@ -133,7 +146,95 @@ def list_columns(path: Path, databases: Sequence[Path] = ()) -> ColumnList:
     units = [f"{name}: the file states the unit {unit}" for name, unit in table.units.items()]
     twice = sorted({name for name in table.names if table.names.count(name) > 1})
     repeated = [f"two columns are named {name}; rename one to use it" for name in twice]
-    return ColumnList(values, find_rising(values), notes=(*table.notes, *units, *repeated))
+    return ColumnList(
+        values,
+        find_rising(values),
+        units=table.units,
+        notes=(*table.notes, *units, *repeated),
+    )
+
+
+def open_columns(path: Path) -> ColumnTable:
+    """All columns of a recording whose columns share one time. Raises BadInput as `read_columns`
+    does.
+
+    The columns of a bag are interpolated to the times of the first that is asked for beside the
+    time.
+    """
+    if _is_bag(path):
+        return _open_bag(path)
+    array_format = _find_format(path)
+    if array_format is not None:
+        return _open_arrays(path, array_format)
+    table = read_table(path)
+    first = table.split(0)
+    numbers = [name for name, cell in zip(table.names, first, strict=False) if is_value(cell)]
+
+    def read(names: Sequence[str], gaps: Sequence[str]) -> Floats:
+        return columns(table, names, gaps)
+
+    return ColumnTable(
+        path,
+        table.names,
+        read,
+        tuple(numbers),
+        tuple(find_counts(table)),
+        table.units,
+        table.header,
+        table.first_line,
+        table.notes,
+    )
+
+
+def _open_arrays(path: Path, array_format: ArrayFormat) -> ColumnTable:
+    listed = list_columns(path)
+
+    def read(names: Sequence[str], _gaps: Sequence[str]) -> Floats:
+        holds = dict.fromkeys(names, "a quantity of the leg")
+        recorded = read_within_limits(path, partial(read_arrays, path, holds, array_format))
+        return np.column_stack([recorded.values[name] for name in names])
+
+    # Arrays of another length are no samples of the stroke.
+    lengths = Counter(len(values) for values in listed.values.values() if values is not None)
+    usual = max(lengths, key=lambda length: lengths[length], default=0)
+    extras = []
+    for name, values in listed.values.items():
+        if values is not None and len(values) == usual:
+            extras.append(name)
+    return ColumnTable(
+        path,
+        tuple(listed.values),
+        read,
+        tuple(extras),
+        (),
+        listed.units,
+        str(path),
+        notes=listed.notes,
+    )
+
+
+def _open_bag(path: Path) -> ColumnTable:
+    listed = list_columns(path)
+
+    def read(names: Sequence[str], _gaps: Sequence[str]) -> Floats:
+        time, *others = names
+        # Times are those of some column.
+        holds = dict.fromkeys(others or list(listed.values)[:1], "a quantity of the leg")
+        request = ColumnRequest(TimeSection(column=time, unit="s"), holds, LONGEST_GAP_S)
+        recorded = read_columns(path, request)
+        return np.column_stack([recorded.t_s, *(recorded.values[name] for name in others)])
+
+    times = (LOG_TIME, *listed.times)
+    return ColumnTable(
+        path,
+        (*times, *listed.values),
+        read,
+        (),
+        (),
+        dict.fromkeys(times, "s"),
+        str(path),
+        notes=listed.notes,
+    )
 
 
 def list_episodes(path: Path) -> tuple[int, ...]:
@@ -153,6 +254,21 @@ def _find_format(path: Path) -> ArrayFormat | None:
     if is_matlab_5(path):
         return MATLAB_FORMAT
     return find_logger(path)
+
+
+def refuse_arrays(path: Path, what: str) -> None:
+    """Raise BadInput for a file that is no table of text; `what` says what such a table holds."""
+    array_format = None
+    if path.is_file():
+        array_format = _find_format(path)
+    if array_format is not None or _is_bag(path):
+        name = array_format.name if array_format is not None else "a bag"
+        raise BadInput(f"{path}: is {name}; {what}, are read from a table of text, as CSV")
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a file is a recording by its name."""
+    return path.name.lower().endswith((*TEXT, *HDF5, *MATLAB, *LOGGERS, *BAG_SUFFIXES))
 
 
 def find_recordings(folder: Path) -> dict[str, list[Path]]:

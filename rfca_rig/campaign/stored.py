@@ -37,6 +37,7 @@ from rfca_rig.recording.strokes import (
     read_condition,
     read_height_mm,
     read_streams,
+    read_strokes_before,
     streams_in,
 )
 from rfca_rig.recording.tables import CYCLES, read_static
@@ -244,7 +245,7 @@ def _span(spans: Sequence[tuple[float, float]]) -> tuple[float, float]:
 @dataclass(frozen=True)
 class StoredStage:
     """A stroke, or the raw samples of another stage. `about` describes it for people;
-    `speed_rad_s` applies to a stroke.
+    `speed_rad_s` and `strokes_before`, as in `Stroke`, apply to a stroke.
     """
 
     label: str
@@ -253,6 +254,7 @@ class StoredStage:
     samples: StoredSamples = field(repr=False)
     speed_rad_s: float = 0.0
     cut_short: str = ""
+    strokes_before: int | None = None
 
     @property
     def is_cycle_table(self) -> bool:
@@ -301,7 +303,13 @@ def open_stored(path: Path) -> StoredRecording:
 def store_in_memory(folder: Path, recording: Recording) -> StoredRecording:
     """A recording that is read already."""
     strokes = tuple(
-        _stroke(SamplesInMemory(stroke.streams), stroke.height_m, stroke.speed_rad_s, stroke.repeat)
+        _stroke(
+            SamplesInMemory(stroke.streams),
+            stroke.height_m,
+            stroke.speed_rad_s,
+            stroke.repeat,
+            stroke.strokes_before,
+        )
         for stroke in recording.strokes
     )
     raw = tuple(
@@ -361,7 +369,11 @@ def _strokes_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
     for name in sorted(file[STROKES], key=int):
         height, speed_rad_s, repeat = read_condition(file[STROKES][name])
         yield _stroke(
-            SamplesInFile.of(path, file, f"{STROKES}/{name}"), height / 1e3, speed_rad_s, repeat
+            SamplesInFile.of(path, file, f"{STROKES}/{name}"),
+            height / 1e3,
+            speed_rad_s,
+            repeat,
+            read_strokes_before(file[STROKES][name]),
         )
 
 
@@ -379,11 +391,20 @@ def _raw_in(file: h5py.File, path: Path) -> Iterator[StoredStage]:
 
 
 def _stroke(
-    samples: StoredSamples, height_m: float, speed_rad_s: float, repeat: int
+    samples: StoredSamples,
+    height_m: float,
+    speed_rad_s: float,
+    repeat: int,
+    strokes_before: int | None,
 ) -> StoredStage:
     about = {"height_mm": height_mm(height_m), "speed_rad_s": speed_rad_s, "repeat": repeat}
     return StoredStage(
-        flap_label(height_m, speed_rad_s, repeat), about, height_m, samples, speed_rad_s
+        flap_label(height_m, speed_rad_s, repeat),
+        about,
+        height_m,
+        samples,
+        speed_rad_s,
+        strokes_before=strokes_before,
     )
 
 

@@ -10,7 +10,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -160,14 +160,24 @@ def read_array_columns(
         Where the file cannot be read, a column is missing, holds no numbers or differs in length
         from the others, or a value is not finite.
     """
+    recorded = read_arrays(path, request.with_time, array_format, request.episode)
+    return replace(recorded, t_s=request.time_of(recorded.values))
+
+
+def read_arrays(
+    path: Path, holds: Mapping[str, str], array_format: ArrayFormat, episode: int | None = None
+) -> RecordedColumns:
+    """Read these columns, of which the first is the time, as it stands in the file; `holds` is
+    the content of each in words. Raises BadInput as `read_array_columns` does.
+    """
     values: dict[str, Floats] = {}
     units: dict[str, str] = {}
     notes: dict[str, None] = {}
     with _open(path, array_format) as arrays:
-        is_used = _select_episode(path, arrays, request.episode)
+        is_used = _select_episode(path, arrays, episode)
         samples: int | None = None
         arrays_used: list[StoredArray] = []
-        for name, meaning in request.with_time.items():
+        for name, meaning in holds.items():
             array, picked = _find_array(path, arrays, name, meaning)
             arrays_used.append(array)
             try:
@@ -183,7 +193,8 @@ def read_array_columns(
                 units[name] = array.unit
             for note in _describe(array, picked, samples):
                 notes[note] = None
-    _check_lengths(path, request.time.column, values)
+    time, *_ = holds
+    _check_lengths(path, time, values)
     if len(is_used) != samples:
         is_used = np.ones(samples or 0, dtype=bool)
     is_valid = _find_valid(arrays_used, is_used)
@@ -192,7 +203,7 @@ def read_array_columns(
         notes[f"{count} samples that the file marks as invalid, or names, are left out"] = None
     used = {name: column[is_used & is_valid] for name, column in values.items()}
     _check_finite(path, used)
-    return RecordedColumns(path, request.time_of(used), used, units=units, notes=tuple(notes))
+    return RecordedColumns(path, used[time], used, units=units, notes=tuple(notes))
 
 
 def _check_lengths(path: Path, time: str, values: Mapping[str, Floats]) -> None:
@@ -234,6 +245,7 @@ def list_array_columns(path: Path, array_format: ArrayFormat) -> ColumnList:
     cannot be read.
     """
     values: dict[str, Floats | None] = {}
+    units: dict[str, str] = {}
     notes: list[str] = []
     with _open(path, array_format) as arrays:
         samples = _find_samples(arrays.values())
@@ -248,9 +260,11 @@ def list_array_columns(path: Path, array_format: ArrayFormat) -> ColumnList:
             if count > MOST_COLUMNS:
                 notes.append(f"{array.name}: {count} columns, which are too many to list")
                 continue
-            values |= _list_array(array, samples)
+            of_array = _list_array(array, samples)
+            values |= of_array
             notes += _describe(array, None, samples)
             if array.unit and not array.fields:
+                units |= dict.fromkeys(of_array, array.unit)
                 notes.append(f"{array.name}: the file states the unit {array.unit}")
     times = find_rising(values)
     if len(episodes) > 1:
@@ -262,7 +276,7 @@ def list_array_columns(path: Path, array_format: ArrayFormat) -> ColumnList:
         }
         times = find_rising(of_first)
         notes.append(f"episodes: {len(episodes)}, of which each recording names one")
-    return ColumnList(values, times, notes=tuple(notes), episodes=episodes)
+    return ColumnList(values, times, units=units, notes=tuple(notes), episodes=episodes)
 
 
 def list_array_episodes(path: Path, array_format: ArrayFormat) -> tuple[int, ...]:

@@ -55,6 +55,7 @@ MANY_SAME = 0.2
 _NOT_A_VALUE = re.compile(r"[+-]?(nan|inf|infinity|n/a|na|#.*)", re.IGNORECASE)
 _ONE_GROUP = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 _TWO_GROUPS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3}){2,}(\.\d*)?")
+_WHOLE = re.compile(r"[+-]?\d+")
 # Bytes of memory for each byte of a table, while its text is split into lines and cells.
 MEMORY_PER_BYTE = 8
 # A table below takes less than a second, whatever it holds.
@@ -93,6 +94,11 @@ class CsvTable:
         return BadInput(f"{self.path}:{row + self.first_line}: {problem}")
 
     @property
+    def header(self) -> str:
+        """Where the names are, for messages."""
+        return f"{self.path}:{self.dialect.names + 1}"
+
+    @property
     def first_line(self) -> int:
         """Line of the first data in the file, from 1."""
         return self.dialect.first + 1
@@ -119,7 +125,7 @@ def read_table(path: Path) -> CsvTable:
     """Read the file's header and lines. Raises BadInput for a file that is missing, empty, no text
     or no table.
     """
-    lines = _read_lines(path)
+    lines, encoding_note = _read_lines(path)
     dialect = detect_dialect(lines)
     if len(lines) <= dialect.first:
         raise BadInput(f"{path}:1: holds column names and no data")
@@ -136,12 +142,18 @@ def read_table(path: Path) -> CsvTable:
     units |= {
         name: "s" for name, cell in zip(names, first, strict=False) if DATE_TIME.fullmatch(cell)
     }
-    notes = (*_describe_dialect(dialect), *_describe_cells(names, first, last, dialect))
+    notes = (
+        *encoding_note,
+        *_describe_dialect(dialect),
+        *_describe_cells(names, first, last, dialect),
+    )
     return CsvTable(path, names, tuple(lines[dialect.first :]), dialect, units, notes)
 
 
-def _read_lines(path: Path) -> list[str]:
-    """The lines of a file, of which the last is not empty. Raises BadInput as `read_table`."""
+def _read_lines(path: Path) -> tuple[list[str], tuple[str, ...]]:
+    """The lines of a file, of which the last is not empty, and a note on how its signs are read.
+    Raises BadInput as `read_table`.
+    """
     most_bytes = int(reading_limits().memory_GiB * BYTES_PER_GIB / MEMORY_PER_BYTE)
     content = read_bytes(path, most_bytes, f"raise {MEMORY_VARIABLE}, or split it")
     if content.startswith(GZIP):
@@ -150,14 +162,43 @@ def _read_lines(path: Path) -> list[str]:
         if can_log:
             raise BadInput(f"{path}: is a CAN log ({can_log}) packed by gzip; unpack it: gunzip")
     refuse_foreign(path, content[:LOOKED_AT])
-    # Line ends of every operating system.
-    text = decode_text(path, content).replace("\r\n", "\n").replace("\r", "\n")
-    lines = text.split("\n")
-    while lines and not lines[-1].strip():
-        lines.pop()
+    try:
+        text = decode_text(path, content)
+        notes: tuple[str, ...] = ()
+    except BadInput:
+        text = _decode_header(content)
+        if not text:
+            raise
+        notes = ("the names are read as Windows-1252",)
+    lines = _split_lines(text)
     if not lines:
         raise BadInput(f"{path}: is empty; it needs a line of column names and a line per sample")
+    return lines, notes
+
+
+def _split_lines(text: str) -> list[str]:
+    """Lines with the ends of every operating system, without empty ones at the end."""
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    while lines and not lines[-1].strip():
+        lines.pop()
     return lines
+
+
+def _decode_header(content: bytes) -> str:
+    """The text of a file in Windows-1252 whose data are plain ASCII; "" for other files.
+
+    LabVIEW and spreadsheets write the degree sign and umlauts of names so. In the data such a byte
+    is damage.
+    """
+    try:
+        text = content.decode("cp1252")
+    except UnicodeDecodeError:
+        return ""
+    lines = _split_lines(text)
+    first = detect_dialect(lines).first
+    if all(line.isascii() for line in lines[first:]):
+        return text
+    return ""
 
 
 def _check_header(path: Path, header: str, dialect: Dialect) -> None:
@@ -207,22 +248,35 @@ def _split(path: Path, line: int, text: str, dialect: Dialect) -> tuple[str, ...
         raise BadInput(f"{path}:{line + 1}: is no line of a table: {error}") from None
 
 
-def numbers(table: CsvTable) -> Floats:
-    """All cells (rows, columns) as finite numbers. Raises BadInput naming line and column of the
-    first fault.
-    """
-    return _numbers_at(table, range(len(table.names)))
-
-
-def columns(table: CsvTable, names: Sequence[str]) -> Floats:
+def columns(table: CsvTable, names: Sequence[str], gaps: Sequence[str] = ()) -> Floats:
     """These columns (rows, k) as finite numbers, whatever the others hold. Raises ValueError for
     an unknown name.
+
+    Those of `gaps` may hold NaN, where a device gave no value.
     """
-    return _numbers_at(table, [table.find_name(name) for name in names])
+    places = [table.find_name(name) for name in names]
+    with_gaps = frozenset(table.find_name(name) for name in gaps)
+    return _read_bounded(table, partial(_numbers_in, table, places, with_gaps))
 
 
-def _numbers_at(table: CsvTable, places: Sequence[int]) -> Floats:
-    return _read_bounded(table, partial(_numbers_in, table, places))
+def find_counts(table: CsvTable) -> list[str]:
+    """Columns whose first and last cells are whole numbers, written without a point. A column of
+    other numbers has a point in its first cell, or in its last.
+    """
+    first = table.split(0)
+    last = table.split(len(table.lines) - 1)
+    cells = zip(table.names, first, last, strict=False)
+    return [name for name, *ends in cells if all(map(_WHOLE.fullmatch, ends))]
+
+
+def read_only_names(path: Path) -> tuple[str, ...]:
+    """The names of a table that has no line of data; () of other files."""
+    if path.suffix.lower() != ".csv" or path.stat().st_size > SMALL_BYTES:
+        return ()
+    lines, _ = _read_lines(path)
+    if len(lines) > 1:
+        return ()
+    return _split(path, 0, lines[0], Dialect())
 
 
 def _read_bounded(table: CsvTable, read: Callable[[], Result]) -> Result:
@@ -235,15 +289,24 @@ def _read_bounded(table: CsvTable, read: Callable[[], Result]) -> Result:
     return read_within_limits(table.path, read)
 
 
-def _numbers_in(table: CsvTable, places: Sequence[int]) -> Floats:
+def _numbers_in(
+    table: CsvTable, places: Sequence[int], with_gaps: frozenset[int] = frozenset()
+) -> Floats:
     values = _fast(table)
-    if values is not None and np.isfinite(values[:, places]).all():
-        return np.ascontiguousarray(values[:, places])
+    if values is not None:
+        whole = [place for place in places if place not in with_gaps]
+        is_right = np.isfinite(values[:, whole]).all() and not np.isinf(values[:, places]).any()
+        if is_right:
+            return np.ascontiguousarray(values[:, places])
     cells = list(rows(table))
     faults = []
     columns = []
     for place in places:
-        parsed = _parse_column(table, place, [line[place] for line in cells])
+        of_column = [line[place] for line in cells]
+        if place in with_gaps:
+            parsed = _parse_with_gaps(table, place, of_column)
+        else:
+            parsed = _parse_column(table, place, of_column)
         if isinstance(parsed, CellFault):
             faults.append(parsed)
         else:
@@ -283,6 +346,18 @@ def _parse_column(table: CsvTable, place: int, cells: Sequence[str]) -> Floats |
             return CellFault(row, name, fault)
         numbers[row] = float(text)
     return numbers
+
+
+def _parse_with_gaps(table: CsvTable, place: int, cells: Sequence[str]) -> Floats | CellFault:
+    """The same, NaN where a cell is NaN."""
+    rows_with_value = [row for row, cell in enumerate(cells) if cell.lower() != "nan"]
+    values = np.full(len(cells), np.nan)
+    if rows_with_value:
+        parsed = _parse_column(table, place, [cells[row] for row in rows_with_value])
+        if isinstance(parsed, CellFault):
+            return CellFault(rows_with_value[parsed.row], parsed.name, parsed.problem)
+        values[rows_with_value] = parsed
+    return values
 
 
 def _parse_times(name: str, cells: Sequence[str]) -> Floats | CellFault:

@@ -20,8 +20,6 @@ from rfca_rig.errors import BadInput
 Floats = NDArray[np.float64]
 
 NS_PER_S = 1_000_000_000
-# Value of [time] column for the time at which the recorder received a message.
-LOG_TIME = "log time"
 
 
 @dataclass(frozen=True)

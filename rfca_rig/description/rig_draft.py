@@ -145,7 +145,7 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
     for name, values in asked.items():
         lines += [
             "\n",
-            *_lines_of_table(
+            *lines_of_table(
                 name,
                 schema["properties"][name],
                 schema["$defs"],
@@ -156,16 +156,18 @@ def draft_rig(title: str, answers: RigAnswers, usual: Mapping[str, Any]) -> str:
     return "".join(lines)
 
 
-def _lines_of_table(
+def lines_of_table(
     name: str,
     schema: Mapping[str, Any],
     known: Mapping[str, Any],
     asked: Mapping[str, Any],
     values: Mapping[str, Any],
+    guessed: Mapping[str, str] | None = None,
 ) -> Iterator[str]:
     """The lines of one table: its meaning, its keys in the order of the schema, and the tables
-    in it.
+    in it. `guessed` says of a key how its value was guessed.
     """
+    guessed = guessed or {}
     # A table that may be absent is the one choice beside null.
     schema = next(
         (choice for choice in schema.get("anyOf", ()) if choice.get("type") != "null"), schema
@@ -198,9 +200,9 @@ def _lines_of_table(
                     for limit, schema_value in described.items()
                     if limit in LIMITS
                 }
-            notes = [USUAL]
-            if key in asked:
-                notes = []
+            notes = []
+            if key not in asked:
+                notes = [guessed.get(key, USUAL)]
             yield _line(f"{written} = {format_value(value)}", described, notes)
         elif "default" in value_schema and not _holds_table(value_schema):
             default = value_schema["default"]
@@ -211,7 +213,7 @@ def _lines_of_table(
             )
     for key, value_schema in inner:
         yield "\n"
-        yield from _lines_of_table(
+        yield from lines_of_table(
             f"{name}.{key}", value_schema, known, asked.get(key, {}), values[key]
         )
 

@@ -4,6 +4,9 @@ digits; nothing is resampled.
 stages.csv              a row per file: which stage, which device, height, speed, repeat
 stages/001-force.csv    a row per record; each device keeps its own times
 static.csv              the means of static stages, as campaign files have them
+photos, overlays        the photos of static stages, with the marks that were found
+campaign.toml           the nominal model and what each file holds, with which `import` reads the
+                        folder back; of a run without a nominal model there is none
 """
 
 import csv
@@ -13,15 +16,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rfca_rig.campaign.layout import CAMPAIGN_FORMAT
+from rfca_rig.campaign.opening import copy_pictures, list_pictures
 from rfca_rig.campaign.stored import StoredRecording, StoredStream, open_stored
 from rfca_rig.errors import BadInput
 from rfca_rig.progress import ProgressCount, iterate_with_progress
 from rfca_rig.recording.atomic import make_folder_atomically, translate_os_errors
+from rfca_rig.recording.layout import CAMPAIGN
 from rfca_rig.recording.model import StaticStage
+from rfca_rig.recording.outside import refuse_outside
 from rfca_rig.recording.strokes import height_mm
+from rfca_rig.toml import format_value, table
 
 TIME = "t_s"
 LONGEST_NAME = 60
+# Letters of a text in [about].
+MOST_ABOUT = 200
 INDEX = ("file", "stage", "device", "records", "height_mm", "speed_rad_s", "repeat", "cut_short")
 
 
@@ -42,12 +52,34 @@ def static_row(held: StaticStage) -> dict[str, Any]:
     }
 
 
+def _what_runs_have(held: StaticStage, std_names: Sequence[str]) -> dict[str, Any]:
+    """What a run knows of a stage beside the means: how sure they are, and how they came about."""
+    hinges = range(2, 2 + len(held.hinge_deg))
+    stds = zip(hinges, held.hinge_std_deg, strict=True)
+    reading_stds = zip(hinges, held.hinge_reading_std_deg, strict=True)
+    settled = {None: "", False: "no", True: "yes"}[held.settled]
+    return {
+        **{f"hinge{i}_std_deg": std for i, std in stds},
+        **{f"hinge{i}_reading_std_deg": std for i, std in reading_stds},
+        **{f"std_{name}": held.std.get(name, "") for name in std_names},
+        "settled": settled,
+        "held_s": "" if held.held_s is None else held.held_s,
+        "strokes_before": "" if held.strokes_before is None else held.strokes_before,
+        "photo": held.photo,
+        "overlay": held.overlay,
+        "photo_doubts": held.photo_doubts,
+    }
+
+
 @dataclass(frozen=True)
 class ExportedCsv:
-    """Summary of an export: number of CSV files, and of records in them."""
+    """Summary of an export: number of CSV files, and of records in them, and whether `import` takes
+    the folder.
+    """
 
     files: int
     records: int
+    is_campaign: bool
 
 
 def export_csv(run: Path, out: Path, report_progress: ProgressCount) -> ExportedCsv:
@@ -81,7 +113,9 @@ def export_csv(run: Path, out: Path, report_progress: ProgressCount) -> Exported
         make_folder_atomically(
             out, lambda folder: stage_rows.extend(_write_folder(stored, folder, report_progress))
         )
-    return ExportedCsv(len(stage_rows), sum(row["records"] for row in stage_rows))
+    return ExportedCsv(
+        len(stage_rows), sum(row["records"] for row in stage_rows), (out / CAMPAIGN).is_file()
+    )
 
 
 def _write_folder(
@@ -94,9 +128,62 @@ def _write_folder(
         index_rows.append([row.get(name, "") for name in INDEX])
     _write_csv(folder / "stages.csv", INDEX, index_rows)
     if stored.static:
-        table = [static_row(means) for means in stored.static]
-        _write_csv(folder / "static.csv", list(table[0]), (list(row.values()) for row in table))
+        std_names = list(dict.fromkeys(name for means in stored.static for name in means.std))
+        static = [
+            {**static_row(means), **_what_runs_have(means, std_names)} for means in stored.static
+        ]
+        _write_csv(folder / "static.csv", list(static[0]), (list(row.values()) for row in static))
+    pictures = list_pictures(stored.static)
+    refuse_outside((stored.folder / name for name in pictures), [stored.folder])
+    copy_pictures(pictures, stored.folder, folder)
+    # Recordings without motion, and of old versions, have no nominal model.
+    if all(section in stored.nominal for section in ("leg", "ground", "sensor", "drive")):
+        text = _describe_campaign(stored, rows)
+        (folder / CAMPAIGN).write_text(text, encoding="utf-8", newline="")
     return rows
+
+
+def _describe_campaign(stored: StoredRecording, rows: Sequence[dict[str, Any]]) -> str:
+    """campaign.toml for the exported files; `rows` are those of the index."""
+    files: dict[int, dict[str, str]] = {}
+    for row in rows:
+        files.setdefault(row["number"], {})[row["device"]] = row["file"]
+    known = stored.provenance
+    head = {
+        "format": CAMPAIGN_FORMAT,
+        "title": stored.title,
+        # An imported campaign says itself what it was.
+        "recorded_as": known.get("recorded_as", stored.source),
+    }
+    about = {
+        "date": known.get("started_at", ""),
+        "operator": known.get("operator", "")[:MOST_ABOUT],
+        "specimen": known.get("sample", "")[:MOST_ABOUT],
+        "rig": known.get("rig", "")[:MOST_ABOUT],
+    }
+    text = [f"{key} = {format_value(value)}\n" for key, value in head.items()]
+    text.append("\n" + table("about", about))
+    for section, keys in stored.nominal.items():
+        if section != "effects":
+            text.append("\n" + table(section, keys, is_exact=True))
+    text.append("\n" + table("known_to", stored.known_to, is_exact=True))
+    for effect in stored.nominal.get("effects", ()):
+        text.append("\n" + table("[effects]", effect, is_exact=True))
+    for number, stage in enumerate(stored.strokes, start=1):
+        before = stage.strokes_before
+        if stored.source != "IMPORT":
+            # Runs store their strokes in the order of time.
+            before = number - 1
+        keys = {"experiment": "dynamic", **stage.about, "strokes_before": before}
+        text.append("\n" + table("[runs]", {**keys, "streams": files[number]}, is_exact=True))
+    for number, stage in enumerate(stored.raw, start=len(stored.strokes) + 1):
+        keys = {"experiment": "raw", "label": stage.label, **stage.about}
+        # A stage in which no device gave a record has no file.
+        if number in files:
+            text.append("\n" + table("[runs]", {**keys, "streams": files[number]}, is_exact=True))
+    if stored.static:
+        text.append("\n" + table("[runs]", {"experiment": "static", "file": "static.csv"}))
+    return "".join(text)
 
 
 def _write_stages(
@@ -119,6 +206,7 @@ def _write_stages(
                     )
                 _write_csv(folder / name, [TIME, *stream.columns], _records(stream))
                 yield {
+                    "number": number,
                     "file": name,
                     "stage": stage.label,
                     "device": stream.name,

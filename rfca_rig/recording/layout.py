@@ -162,9 +162,10 @@ def _resolve(link: Path) -> Path:
 _HASH = re.compile("[0-9a-f]{64}")
 
 DIGITS = 32
-# What an experiment may name: tables, files of data loggers, logs of a CAN bus with the databases
-# of their messages, and bags. zstd: files of a ROS 2 bag that were compressed as a whole.
-KINDS_OF_AN_EXPERIMENT = (
+# Recordings from elsewhere, beside tables of comma-separated values: files of data loggers, logs of
+# a CAN bus with the databases of their messages, and bags. zstd: files of a ROS 2 bag that were
+# compressed as a whole.
+KINDS_OF_RECORDINGS = (
     *("csv.gz", "tsv", "lvm", "h5", "hdf5", "mat"),
     *("tdms", "mf4", "mdf", "parquet", "feather"),
     *("blf", "asc", "log", "trc", "dbc", "kcd", "sym", "arxml"),
@@ -240,8 +241,8 @@ def identity_of(title: str, source: str, provenance: Mapping[str, str]) -> str:
 def list_described_files(folder: Path) -> list[Path]:
     """Of recordings from elsewhere: description, model file and recordings, sorted by name."""
     kinds: tuple[str, ...] = ("csv",)
-    if (folder / EXPERIMENT).is_file():
-        kinds = ("csv", *KINDS_OF_AN_EXPERIMENT)
+    if (folder / EXPERIMENT).is_file() or (folder / CAMPAIGN).is_file():
+        kinds = ("csv", *KINDS_OF_RECORDINGS)
     descriptions = (
         file for ending in ("toml", "xml", "urdf") for file in folder.glob(f"*.{ending}")
     )

@@ -165,11 +165,15 @@ def read_stroke(group: h5py.Group, source: Source) -> Stroke:
     recording's source.
     """
     height_mm, speed_rad_s, repeat = read_condition(group)
-    if BEFORE in group.attrs:
-        before = int(group.attrs[BEFORE])
-    else:
-        before = None
-    return Stroke(height_mm / 1e3, speed_rad_s, repeat, read_streams(group, source), before)
+    streams = read_streams(group, source)
+    return Stroke(height_mm / 1e3, speed_rad_s, repeat, streams, read_strokes_before(group))
+
+
+def read_strokes_before(stroke: h5py.Group) -> int | None:
+    """How many strokes the leg had made before; None where they were not counted."""
+    if BEFORE in stroke.attrs:
+        return int(stroke.attrs[BEFORE])
+    return None
 
 
 def read_condition(stroke: h5py.Group) -> tuple[float, float, int]:

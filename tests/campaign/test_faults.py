@@ -191,7 +191,7 @@ TOMLS: dict[str, tuple[Change, str]] = {
     ),
     "another experiment": (
         swap('"static"', '"quasi-static"'),
-        "69: runs[5]: 'experiment' should be one of 'dynamic', 'static', not 'q",
+        "69: runs[5]: 'experiment' should be one of 'dynamic', 'static', 'raw', not 'q",
     ),
     "not TOML": (swap("ramp_s = 0.05", "ramp_s = 0,05"), f"{TOML}:29: not TOML at column 11: "),
     "unclosed text": (

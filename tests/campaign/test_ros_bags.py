@@ -131,7 +131,7 @@ def test_a_bag_of_ros_1_is_known_by_its_first_bytes(tmp_path):
     assert_read(read(path))
     campaign = copy_to(tmp_path)
     path.rename(next(campaign.glob("runs/*.csv")))
-    with pytest.raises(BadInput, match="is a ROS 1 bag; a table of text is needed here"):
+    with pytest.raises(BadInput, match="column t_s is missing; the file has log time"):
         read_campaign(campaign)
 
 

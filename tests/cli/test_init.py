@@ -5,6 +5,7 @@ import sys
 
 import pytest
 
+from rfca_rig.campaign.reading import read_campaign
 from rfca_rig.description.rig_draft import USUAL
 from rfca_rig.description.rig_file import read_rig
 from rfca_rig.devices import FORCE_SENSORS, MOTORS, OWN, checks
@@ -12,6 +13,8 @@ from rfca_rig.devices.netft import checks as netft_checks
 from rfca_rig.devices.netft.checks import BoxObservation
 from rfca_rig.devices.netft.codec import CalibrationInfo
 from rfca_rig.doctor import ports
+from tests.campaign.foreign import Format, Written, write_folder
+from tests.campaign.small import SMALL
 from tests.cli.typed import typed
 
 
@@ -199,3 +202,49 @@ def test_a_leg_that_the_twins_camera_does_not_see_whole_has_none(computer, tmp_p
     computer.init("--rig", "our-rig.toml", answers="200 200\n" + "\n" * 9)
     assert read_rig(tmp_path / "our-rig.toml").camera is None
     assert not (tmp_path / "twin-camera.toml").exists()
+
+
+def test_recordings_of_a_leg_become_a_campaign_that_check_and_report_take(
+    monkeypatch, capsys, tmp_path
+):
+    monkeypatch.chdir(tmp_path)
+    theirs = read_campaign(SMALL)
+    how = Format(
+        {
+            "t_s": Written("Zeit [ms]", "ms"),
+            "shaft_angle_rad": Written("Winkel [deg]", "deg"),
+            "fz_N": Written("Kraft z", "kN", -1),
+        },
+        separator=";",
+        decimal=",",
+        shift_s=1.25,
+    )
+    write_folder(tmp_path / "theirs", theirs, how)
+    before = {path: path.read_bytes() for path in (tmp_path / "theirs").iterdir()}
+    said = typed(monkeypatch, capsys, "init", "--data", "theirs")
+    assert said.exit_code == 0
+    assert "theirs/campaign.toml: 1 values to fill in" in said.out
+    assert "then: rfca-rig check theirs" in said.err
+    said = typed(monkeypatch, capsys, "check", "theirs")
+    assert said.exit_code == 2
+    assert "columns.fz_N.unit: is still a question mark" in said.err
+    campaign = tmp_path / "theirs" / "campaign.toml"
+    text = campaign.read_text(encoding="utf-8").replace('unit = "?"', 'unit = "kN"')
+    campaign.write_text(text, encoding="utf-8")
+    said = typed(monkeypatch, capsys, "check", "theirs")
+    assert said.exit_code == 0
+    assert "4 strokes and 0 static stages, values plausible" in said.err
+    assert "usual values are marked in theirs/campaign.toml" in said.err
+    assert typed(monkeypatch, capsys, "report", "theirs", "--out", "page").exit_code == 0
+    for path, content in before.items():
+        assert path.read_bytes() == content
+    # A draft is never written over.
+    said = typed(monkeypatch, capsys, "init", "--data", "theirs")
+    assert said.exit_code == 2
+    assert "campaign.toml: is there already" in said.err
+
+
+def test_a_folder_that_is_not_there_is_one_line(computer):
+    said = computer.init("--data", "nowhere")
+    assert said.exit_code == 2
+    assert "nowhere: is not there, or no folder" in said.err

@@ -194,17 +194,22 @@ def _check_campaign(folder: Path, allow_outside: bool, is_gate: bool, as_json: b
     """A campaign from elsewhere: whether it can be read, whether its values are plausible beside
     each other, and how it compares with its reference.
     """
+    from rfca_rig.campaign.leg_draft import count_unchecked
     from rfca_rig.campaign.plausibility import find_slips
     from rfca_rig.campaign.reading import read_campaign
+    from rfca_rig.recording.layout import CAMPAIGN
+    from rfca_rig.toml import read_text
 
     recording = read_campaign(folder, allow_outside=allow_outside)
     slips = find_slips(recording)
+    guesses, usual_values = count_unchecked(read_text(folder / CAMPAIGN))
     answer = None
     if not slips:
         answer = compare_with_set_reference(folder, is_gate, as_json)
     if as_json:
         rows = [{"where": slip.where, "found": slip.words} for slip in slips]
-        _print_json({"campaign": str(folder), "slips": rows}, answer)
+        unchecked = {"guesses": guesses, "usual_values": usual_values}
+        _print_json({"campaign": str(folder), "slips": rows, **unchecked}, answer)
     else:
         for slip in slips:
             echo(f"WARNING {slip.where}: {slip.words}")
@@ -221,6 +226,12 @@ def _check_campaign(folder: Path, allow_outside: bool, is_gate: bool, as_json: b
             ),
             err=True,
         )
+        if guesses or usual_values:
+            echo(
+                f"{guesses} guesses and {usual_values} usual values are marked in "
+                f"{folder / CAMPAIGN}; compare them with your rig, and remove the marks",
+                err=True,
+            )
     _say_since_reference(answer, is_gate, as_json)
 
 

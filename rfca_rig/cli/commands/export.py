@@ -72,7 +72,8 @@ def export_csv(
     out: Annotated[Path, typer.Option("--out", metavar="DIR", help="The folder to make.")],
     as_json: Json = False,
 ) -> None:
-    """Write a recording as CSV: a file per stage and device, and one of all static stages.
+    """Write a recording as CSV: a file per stage and device, and one of all static stages. With
+    campaign.toml beside them, import reads the folder back.
 
     Example: rfca-rig export csv runs/SIM-table-ii-001 --out table-ii
     """
@@ -86,12 +87,22 @@ def export_csv(
     if as_json:
         echo(
             json.dumps(
-                {"out": str(out), "files": exported.files, "records": exported.records}, indent=1
+                {
+                    "out": str(out),
+                    "files": exported.files,
+                    "records": exported.records,
+                    "is_campaign": exported.is_campaign,
+                },
+                indent=1,
             )
         )
         return
+    back = f"; rfca-rig import {out} reads them back"
+    if not exported.is_campaign:
+        back = "; the recording has no nominal model, so import does not take them"
     echo(
-        f"{exported.records} records in {exported.files} files; {out / 'stages.csv'} lists them",
+        f"{exported.records} records in {exported.files} files; {out / 'stages.csv'} lists them"
+        f"{back}",
         err=True,
     )
 
@@ -238,6 +249,8 @@ def import_folder(
         )
         return
     counted_text = f"{len(recording.strokes)} strokes and {len(recording.static)} static stages"
+    if recorded_as := recording.provenance.get("recorded_as"):
+        counted_text += f", recorded as {recorded_as},"
     echo(
         f"IMPORT {counted_text} in {target}; next: rfca-rig report {target} --out report", err=True
     )

@@ -1,4 +1,4 @@
-"""rfca-rig init: writes the first draft of a rig file, or of experiment.toml."""
+"""rfca-rig init: writes the first draft of a rig file, of campaign.toml or of experiment.toml."""
 
 import re
 import sys
@@ -42,7 +42,7 @@ Data = Annotated[
     typer.Option(
         "--data",
         metavar="DIR",
-        help="A folder with its recordings: tables, HDF5, files of data loggers, CAN logs or bags.",
+        help="A folder with recordings: tables, HDF5, files of data loggers, CAN logs or bags.",
     ),
 ]
 
@@ -54,13 +54,14 @@ def init(
     data: Data = None,
     allow_outside: AllowOutside = False,
 ) -> None:
-    """Write a rig file after ten questions, or a draft of experiment.toml for recordings of any
-    mechanism.
+    """Write a rig file after ten questions, a draft of campaign.toml for a leg's recordings from
+    elsewhere, or of experiment.toml for those of any mechanism.
 
     Enter takes the suggested answer. Devices that are found on this computer are suggested; nothing
     that could move is touched. From a pipe or a file: one answer per line, an empty line takes the
-    suggested one. For a mechanism give its model and its recordings: --mjcf arm.xml --data
-    recordings.
+    suggested one. For recordings of a leg give their folder: --data recordings. Columns, units,
+    signs, heights and speeds are guessed, each with its reason; what cannot be guessed is a
+    question mark. For a mechanism give its model, too: --mjcf arm.xml --data recordings.
 
     Example: rfca-rig init --rig our-rig.toml
     """
@@ -74,11 +75,26 @@ def init(
         open_questions = path.read_text(encoding="utf-8").count(f"= {PLACEHOLDER}")
         echo(f"{path}: {open_questions} values to fill in, each marked with a question mark")
         echo(f"then: rfca-rig check {data}", err=True)
+    elif rig is None and data is not None:
+        _write_campaign_file(data, allow_outside)
     else:
         raise BadInput(
-            "init: give --rig FILE for a rig file, or --mjcf FILE and --data DIR for "
-            "recordings of a mechanism"
+            "init: give --rig FILE for a rig file, --data DIR for recordings of a leg, or "
+            "--mjcf FILE and --data DIR for those of a mechanism"
         )
+
+
+def _write_campaign_file(folder: Path, allow_outside: bool) -> None:
+    from rfca_rig.campaign.leg_draft import write_leg_draft
+    from rfca_rig.toml import read_data
+
+    usual = read_data(find_shipped("calibration") / "twin.toml")
+    draft = write_leg_draft(folder, usual, allow_outside)
+    echo(
+        f"{draft.path}: {draft.open_values} values to fill in, each marked with a question mark; "
+        f"{draft.guesses} guesses and {draft.usual_values} usual values to check"
+    )
+    echo(f"then: rfca-rig check {folder}", err=True)
 
 
 def _write_rig_file(path: Path, takes_all: bool) -> None:
