@@ -1,18 +1,29 @@
 """Sphinx configuration of the documentation site.
 
-`python -m sphinx -W --keep-going docs OUT` builds it, with the extra `docs` and without network.
-The pages are Markdown; those of the reference are filled from the code by `reference_pages`, and
-notebooks are executed.
+`python -m sphinx -W --keep-going -j auto docs build/site` builds it, with the extra `docs` and
+without network. The pages are Markdown; those of the reference are filled from the code by
+`reference_pages`, and notebooks are executed.
+
+All pages are read again, and the notebooks executed, where the code or the packages of the
+environment have changed. Otherwise a notebook is executed again only if its own cells have changed.
 """
 
+import hashlib
+import shutil
 import sys
+from importlib.metadata import distributions
 from pathlib import Path
 
 from sphinx.application import Sphinx
 
 import rfca_rig
 
-sys.path.insert(0, str(Path(__file__).parent))  # for reference_pages
+DOCS = Path(__file__).parent
+ROOT = DOCS.parent
+# What the notebooks and the pages of the reference are made from.
+SOURCES = ("rfca_rig", "calibration", "protocols", "tests/data/pendulums", "docs/examples")
+
+sys.path.insert(0, str(DOCS))  # for reference_pages
 
 project = "rfca-rig"
 version = release = rfca_rig.__version__
@@ -21,9 +32,7 @@ exclude_patterns = ["examples"]
 
 # Links to headings, as in mechanisms.md#files.
 myst_heading_anchors = 4
-# Each build executes the notebooks, since their results depend on the package; -D
-# nb_execution_mode=off builds the rest quickly.
-nb_execution_mode = "force"
+nb_execution_mode = "cache"
 # A diagnosis takes a minute of CPU time; machines of CI are slow and shared.
 nb_execution_timeout = 1800
 nb_execution_raise_on_error = nb_execution_in_temp = True
@@ -47,7 +56,30 @@ html_show_copyright = False
 
 
 def setup(app: Sphinx) -> None:
+    digest = digest_code()
+    # Sphinx sees when a page has changed, not when the code has: as a value of the configuration,
+    # the digest tells it.
+    app.add_config_value("code_digest", digest, "env", types=frozenset({str}))
+    caches = Path(app.outdir).parent / ".notebooks"
+    app.config.nb_execution_cache_path = str(caches / digest)
+    for cache in caches.glob("*"):
+        if cache.name != digest:
+            shutil.rmtree(cache)
     app.connect("build-finished", complete_html)
+
+
+def digest_code() -> str:
+    """Of everything that the notebooks run, with the versions of the packages."""
+    sources = [path for folder in SOURCES for path in (ROOT / folder).rglob("*") if path.is_file()]
+    sources.extend(DOCS.glob("*.py"))
+    digest = hashlib.sha256()
+    for path in sorted(sources):
+        if path.suffix != ".pyc":
+            digest.update(path.relative_to(ROOT).as_posix().encode() + b"\0")
+            digest.update(hashlib.sha256(path.read_bytes()).digest())
+    versions = {f"{package.name}=={package.version}" for package in distributions()}
+    digest.update("\n".join(sorted([sys.version, *versions])).encode())
+    return digest.hexdigest()[:16]
 
 
 def complete_html(app: Sphinx, failure: Exception | None) -> None:

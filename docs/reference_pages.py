@@ -68,11 +68,6 @@ Schema = Mapping[str, Any]
 
 
 def setup(app: Sphinx) -> ExtensionMetadata:
-    # Sphinx sees when a page has changed, not when the code has.
-    app.connect(
-        "env-get-outdated",
-        lambda _app, env, *_: [page for page in env.found_docs if page.startswith("reference/")],
-    )
     app.connect("source-read", fill_page)
     app.connect("build-finished", write_schemas)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

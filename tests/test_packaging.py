@@ -111,6 +111,7 @@ def test_the_sdist_holds_tests_and_documents_but_no_caches(built):
         "constraints.txt",
         ".ci/run",
         "LICENSE",
+        "rfca_rig/view/static/uPlot.LICENSE",
     ):
         assert wanted in names
     assert [
@@ -130,6 +131,9 @@ def test_the_wheel_is_typed_and_brings_protocols_rigs_sweeps_and_trip_pages(buil
     for wanted in ("rfca_rig/py.typed", *(f"rfca_rig/shipped/{name}" for name in shipped)):
         assert wanted in names
     assert [name for name in names if name.startswith("tests") or is_in_cache(name)] == []
+    licences = f"rfca_rig-{__version__}.dist-info/licenses"
+    for licence in ("LICENSE", "rfca_rig/view/static/uPlot.LICENSE"):
+        assert f"{licences}/{licence}" in names
 
 
 def is_in_cache(name):

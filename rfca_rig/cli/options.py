@@ -325,6 +325,7 @@ def open_executor(
     from rfca_rig.errors import BadInput
     from rfca_rig.executors.cores import machine_cores
     from rfca_rig.executors.mapping import process_executor
+    from rfca_rig.executors.termination import interrupt_on_termination
 
     if cluster is not None and workers is not None:
         raise BadInput(
@@ -332,7 +333,10 @@ def open_executor(
             "decided where they are started"
         )
     if cluster is None:
-        with process_executor(workers or machine_cores()) as local_executor:
+        with (
+            interrupt_on_termination(),
+            process_executor(workers or machine_cores()) as local_executor,
+        ):
             yield local_executor
     elif cluster.startswith(SLURM):
         from rfca_rig.executors.slurm import read_cluster_file, slurm_workers

@@ -1,7 +1,8 @@
-"""Progress of work that takes more than a moment: a line on the error stream, only on a terminal.
+"""Progress of work that takes more than a moment, on the error stream: a line that moves on a
+terminal; in a file or a pipe, a new line at intervals.
 
-Silent when piped, and where a command prints JSON. The remaining time is estimated from all work so
-far. Where the amount of work is unknown, the line shows the elapsed time instead.
+Silent where a command prints JSON. The remaining time is estimated from all work so far. Where the
+amount of work is unknown, the line shows the elapsed time instead.
 """
 
 import os
@@ -11,6 +12,7 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import timedelta
+from threading import Event, Thread
 from typing import IO, TYPE_CHECKING, cast
 
 from rich.console import Console
@@ -40,6 +42,9 @@ if TYPE_CHECKING:
 LONG_S = 1e4
 BAR_WIDTH = 20
 WIDEST = 34
+# Interval in s of the lines in a log: whoever follows it takes half a minute of silence for a
+# hang, and the thread that prints may be late by some seconds on a busy machine.
+LOG_EVERY_S = 25.0
 
 COMPILE_AHEAD = """
 import os, pickle, sys
@@ -66,7 +71,7 @@ def progress_bar(
     """Yields (advance, say): `advance(label, rig_s)` moves the bar by seconds of rig time, `say`
     prints a line above it.
 
-    The bar shows only on a terminal; `quiet` silences both.
+    Without a terminal a line is printed at intervals instead of the bar; `quiet` silences both.
     """
     console = ErrorConsole(file=sys.stderr, quiet=quiet, highlight=False)
     columns = (
@@ -76,13 +81,16 @@ def progress_bar(
         TimeRemainingColumn(),
         TextColumn("{task.description}"),
     )
-    with Progress(
+    bars = Progress(
         *columns, console=console, disable=quiet or not console.is_terminal, transient=True
-    ) as progress:
-        task = progress.add_task("", total=total_s)
+    )
+    with bars as progress, _log_at_intervals(bars, console, mark):
+        task = progress.add_task("", total=1.0)
 
         def advance(label: str, rig_s: float) -> None:
-            progress.update(task, advance=rig_s, description=label)
+            # A plan of no duration has no share to show.
+            share = rig_s / total_s if total_s else 0.0
+            progress.update(task, advance=share, description=label)
 
         def say(line: str) -> None:
             _print(progress.console, mark, line)
@@ -102,9 +110,63 @@ def _print(console: Console, mark: str, line: str) -> None:
     """A closed terminal must not keep a motor from stopping, nor a recording from being
     completed.
     """
+    if mark:
+        line = f"{mark} {line}"
     with suppress(OSError):
         # No markup: rich would take bracketed words of a message, for example [limits], for styles.
-        console.print(f"{mark} {printable(line)}", markup=False, soft_wrap=True)
+        console.print(printable(line), markup=False, soft_wrap=True)
+
+
+@contextmanager
+def _log_at_intervals(bars: Progress, console: Console, mark: str = "") -> Iterator[None]:
+    """Within the block, a thread prints where the work is, for readers without a terminal."""
+    if console.quiet or console.is_terminal:
+        yield
+        return
+    ended = Event()
+    log = ProgressLog(bars)
+    printing = Thread(
+        target=print_at_intervals,
+        args=(log.describe, lambda line: _print(console, mark, line), ended.wait),
+        daemon=True,
+    )
+    printing.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        printing.join()
+
+
+def print_at_intervals(
+    describe: Callable[[], str], say: Say, wait: Callable[[float], bool | None]
+) -> None:
+    """Prints the description at intervals, until `wait`, which is called with seconds, returns
+    True.
+    """
+    while not wait(LOG_EVERY_S):
+        say(describe())
+
+
+class ProgressLog:
+    """Where the work is, in one line; the clock is that of the bars."""
+
+    def __init__(self, bars: Progress) -> None:
+        self._bars = bars
+        self._began_s = bars.get_time()
+
+    def describe(self) -> str:
+        """What is under way, how much of it is done, and the remaining time where it is known."""
+        lines = [_describe_task(task) for task in self._bars.tasks if not task.finished]
+        so_far = f"{_clock(self._bars.get_time() - self._began_s)} so far"
+        return "; ".join([*lines, so_far])
+
+
+def _describe_task(task: Task) -> str:
+    done = f"{task.description} {_Done().render(task).plain.strip()}".strip()
+    if task.total is None or task.time_remaining is None:
+        return done
+    return f"{done}, {_Left().render(task).plain}"
 
 
 class _Done(ProgressColumn):
@@ -190,7 +252,7 @@ def progress(quiet: bool) -> Iterator[ProgressLines]:
         redirect_stdout=sys.stdout.isatty(),
         speed_estimate_period=LONG_S,
     )
-    with bars:
+    with bars, _log_at_intervals(bars, ErrorConsole(file=sys.stderr, quiet=quiet, highlight=False)):
         yield ProgressLines(bars)
 
 
@@ -235,3 +297,5 @@ def compile_ahead(rig: "RigModel") -> None:
         pipe = cast(IO[bytes], process.stdin)
         with pipe:
             pickle.dump(rig, pipe)
+        # Somebody has to take its exit code, or a notebook would keep it as a zombie.
+        Thread(target=process.wait, daemon=True).start()

@@ -348,7 +348,10 @@ def _start_recorder(config: RunConfig) -> Iterator[Helper | None]:
         yield started
     finally:
         if started is not None:
-            started[1].close()
+            process, connection = started
+            connection.close()
+            # It notices the end of the connection, and would be a zombie until this process ends.
+            process.wait()
 
 
 def _record(

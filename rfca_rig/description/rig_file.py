@@ -408,7 +408,7 @@ def _with_files_beside(folder: Path, rig: RigFile) -> RigFile:
 
 
 def _resolve_sensor_files(folder: Path, rig: File) -> File:
-    sensor = rig.force_sensor
+    sensor: ForceSensorChoice | None = rig.force_sensor
     if sensor is None or not sensor.file_keys:
         return rig
     return rig.model_copy(update={"force_sensor": _from(folder, sensor, *sensor.file_keys)})

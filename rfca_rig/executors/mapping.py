@@ -390,9 +390,10 @@ def _one_thread_each() -> Iterator[None]:
 
 def initialise_worker() -> None:
     """Initialises each process. ^C reaches all processes of a terminal, but only the main one
-    should react.
+    should react; SIGTERM ends them at once, as a copy would otherwise interrupt like the main one.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     Thread(target=_exit_with_parent, daemon=True).start()
 
 

@@ -7,7 +7,6 @@ DEATH_TIMEOUT_S seconds.
 import os
 import resource
 import shlex
-import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -17,7 +16,6 @@ from functools import partial
 from pathlib import Path
 from shutil import rmtree, which
 from tempfile import mkdtemp
-from threading import current_thread, main_thread
 from typing import Annotated, Any, Literal
 
 from pydantic import Field
@@ -31,6 +29,7 @@ from rfca_rig.executors.cluster import (
 )
 from rfca_rig.executors.cores import ONE_THREAD
 from rfca_rig.executors.environment import Facts
+from rfca_rig.executors.termination import interrupt_on_termination
 from rfca_rig.progress import ProgressReport
 from rfca_rig.subprocesses import SAFE_PATH_VARIABLE, python_command
 from rfca_rig.toml import Section, read_toml
@@ -161,7 +160,7 @@ def slurm_workers(
             array.script(scheduler.scheduler_address, job_folder), encoding="utf-8"
         )
         with (
-            _handle_termination(),
+            interrupt_on_termination(),
             _submit(job_folder / SCRIPT) as job,
             connect_workers(
                 scheduler,
@@ -177,26 +176,6 @@ def slurm_workers(
             executor.check(notice)
             yield executor
     rmtree(job_folder)
-
-
-@contextmanager
-def _handle_termination() -> Iterator[None]:
-    """Treats SIGTERM and a closed terminal like ^C: otherwise the jobs would outlive this
-    process.
-    """
-    # Python allows signal handlers in the main thread only.
-    if current_thread() is not main_thread():
-        yield
-        return
-    before = {
-        number: signal.signal(number, signal.default_int_handler)
-        for number in (signal.SIGTERM, signal.SIGHUP)
-    }
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

@@ -59,7 +59,7 @@ def take_over_bus(settings: CanBusSettings, last_word: TorqueOffFrames, clock: C
     # Interfaces of python-can raise exceptions of many types.
     except Exception as error:
         raise can.CanInitializationError(
-            f"the bus cannot be opened here: {error or type(error).__name__}"
+            f"the bus cannot be opened here: {str(error) or type(error).__name__}"
         ) from error
     try:
         for _ in range(MIN_REPETITIONS):
@@ -69,7 +69,7 @@ def take_over_bus(settings: CanBusSettings, last_word: TorqueOffFrames, clock: C
     except Exception as error:
         bus.shutdown()
         raise can.CanOperationError(
-            f"the drive cannot be commanded from here: {error or type(error).__name__}"
+            f"the drive cannot be commanded from here: {str(error) or type(error).__name__}"
         ) from error
     return bus
 

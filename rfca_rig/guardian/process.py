@@ -447,6 +447,7 @@ def _fileno(bus: can.BusABC) -> int | None:
         number = bus.fileno()
     except NotImplementedError:
         return None
-    if isinstance(number, int) and number >= 0:
-        return number
-    return None
+    # Some interfaces of python-can return -1 where there is none.
+    if number < 0:
+        return None
+    return number

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,7 @@ from rfca_rig.model.catalogue import catalogue, families_of
 from rfca_rig.notebook.datatree import CHAINS, make_datatree
 from rfca_rig.notebook.recordings import (
     OpenedRecordings,
+    html_page,
     html_table,
     make_axes,
     make_frame,
@@ -233,18 +235,21 @@ class FittedResult:
 
 @dataclass(frozen=True)
 class ReportResult:
-    """A written report.
+    """A report: recordings beside their nominal model.
 
     Parameters
     ----------
     page
-        The page to open.
+        The written page to open; None where nothing was written.
+    html
+        The page itself.
     rows
         Measured beside simulated: a row per condition of a leg as in Table II of the paper, a row
         per signal of each recording of a mechanism.
     """
 
-    page: Path
+    page: Path | None
+    html: str
     rows: tuple[Row, ...]
 
     def table(self) -> "pandas.DataFrame":
@@ -252,6 +257,8 @@ class ReportResult:
         return make_frame(self.rows)
 
     def _repr_html_(self) -> str:
+        if self.page is None:
+            return html_table("measured and simulated", self.rows) + html_page(self.html)
         return html_table(str(self.page), self.rows)
 
 
@@ -338,15 +345,15 @@ def fit(
     return FittedResult(fitted, fitted.rows())
 
 
-def report(*sources: Source, out: str | Path = "report", as_is: bool = False) -> ReportResult:
-    """Compare recordings with their nominal model, and write the report.
+def report(*sources: Source, out: str | Path | None = None, as_is: bool = False) -> ReportResult:
+    """Compare recordings with their nominal model: a table and a page, which a notebook shows.
 
     Parameters
     ----------
     sources
         Opened recordings or paths.
     out
-        Folder of the report.
+        Folder into which all pages and tables are written. Without it nothing is written.
     as_is
         Take values that are probably in another unit; otherwise they are refused with a guess. Of a
         leg.
@@ -357,8 +364,14 @@ def report(*sources: Source, out: str | Path = "report", as_is: bool = False) ->
         Where the recordings cannot be used.
     """
     problem = _open_problem(sources, as_is)
-    written = write_comparison(problem, Path(out), ComparisonOptions(as_is=as_is))
-    return ReportResult(written.pages[0], written.rows)
+    options = ComparisonOptions(as_is=as_is)
+    if out is not None:
+        written = write_comparison(problem, Path(out), options)
+        page = written.pages[0]
+        return ReportResult(page, page.read_text(encoding="utf-8"), written.rows)
+    with TemporaryDirectory() as folder:
+        written = write_comparison(problem, Path(folder), options)
+        return ReportResult(None, written.pages[0].read_text(encoding="utf-8"), written.rows)
 
 
 def effects(*sources: Source) -> "pandas.DataFrame":

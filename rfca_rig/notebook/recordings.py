@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 EXTRA = "notebook"
+# Height of a page within a notebook: a figure with its caption fits.
+FRAME_HEIGHT_PX = 600
 
 
 def require(module: str) -> Any:
@@ -56,6 +58,14 @@ def html_table(title: str, rows: Sequence[Row]) -> str:
     return f"<p><b>{html_text(title)}</b></p>" + (
         f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>" if rows else ""
     )
+
+
+def html_page(page: str) -> str:
+    """A whole page for a notebook's page, in a frame of its own: their styles do not mix, and
+    nothing of the page runs.
+    """
+    style = f"width: 100%; height: {FRAME_HEIGHT_PX}px; border: 0"
+    return f'<iframe sandbox srcdoc="{html_text(page)}" style="{style}"></iframe>'
 
 
 def _text(value: object) -> str:

@@ -10,7 +10,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import cv2
 import numpy as np
@@ -324,7 +324,8 @@ def find_board(image: NDArray[np.uint8], board: Board, name: str) -> BoardPhoto 
 def _corners(grey: NDArray[np.uint8], board: Board) -> tuple[NDArray[np.int64], Floats]:
     """Numbers (n,) and positions (n, 2) in px of the corners found."""
     corners, numbers, _, _ = cv2.aruco.CharucoDetector(board.opencv()).detectBoard(grey)
-    if numbers is None or not len(numbers):
+    # OpenCV gives None for both where it finds no corner; its types do not say so.
+    if cast(NDArray[np.int32] | None, numbers) is None:
         return np.empty(0, np.int64), np.empty((0, 2))
     return np.asarray(numbers, np.int64).ravel(), np.asarray(corners, np.float64).reshape(-1, 2)
 

@@ -70,7 +70,7 @@ def test_counts_of_an_mdf_are_converted_by_its_own_rule(tmp_path):
     path = tmp_path / "run.mf4"
     with asammdf.MDF(version="4.10") as file:
         signal = asammdf.Signal(
-            counts, T_S, unit="rad", name="angle", conversion={"a": 1e-6, "b": 0.0}, raw=True
+            counts, T_S, unit="rad", name="angle", conversion={"a": 1e-6, "b": 0.0}
         )
         file.append([signal, asammdf.Signal(TORQUE, T_S, unit="Nm", name="torque")])
         file.save(path)

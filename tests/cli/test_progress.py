@@ -1,10 +1,19 @@
-"""Progress is told where a person watches, and nowhere else; it counts what is done."""
+"""Progress is told where a person watches or follows a log; it counts what is done."""
 
 import re
 
 import pytest
+from rich.progress import Progress
 
-from rfca_rig.cli.progress import progress
+from rfca_rig.cli import progress as progress_module
+from rfca_rig.cli.progress import (
+    LOG_EVERY_S,
+    ProgressLines,
+    ProgressLog,
+    print_at_intervals,
+    progress,
+    progress_bar,
+)
 from rfca_rig.progress import iterate_with_progress
 
 
@@ -66,8 +75,100 @@ def test_parts_that_follow_each_other_share_a_line(terminal, capsys):
     assert len(last) <= 80
 
 
+class Now:
+    """A clock for the bars that the test sets."""
+
+    def __init__(self) -> None:
+        self.s = 100.0
+
+    def __call__(self) -> float:
+        return self.s
+
+
+@pytest.fixture
+def log():
+    """(clock, lines of progress, the log of them)"""
+    now = Now()
+    bars = Progress(disable=True, get_time=now, speed_estimate_period=1e4)
+    return now, ProgressLines(bars), ProgressLog(bars)
+
+
+def test_a_log_has_what_is_done_what_remains_and_the_time_so_far(log):
+    now, lines, described = log
+    lines.report("campaigns diagnosed", 0, 4)
+    now.s += 720.0
+    assert described.describe() == "campaigns diagnosed 0 of 4; 12:00 so far"
+    lines.report("campaigns diagnosed", 1, 4)
+    now.s += 720.0
+    lines.report("campaigns diagnosed", 2, 4)
+    assert described.describe() == "campaigns diagnosed 2 of 4, 24:00 left; 24:00 so far"
+    lines.report("campaigns diagnosed", 4, 4)
+    lines.share("writing", 0.25)
+    assert described.describe() == "writing 25 %; 24:00 so far"
+
+
+def test_a_log_has_work_without_a_known_end_and_work_before_it_is_counted(log):
+    now, lines, described = log
+    now.s += 25.0
+    assert described.describe() == "00:25 so far"
+    lines.show_unbounded("compiling", lambda: "7 functions")
+    now.s += 3600.0
+    assert described.describe() == "compiling 7 functions; 1:00:25 so far"
+
+
+def test_a_log_gets_a_line_at_least_every_half_minute_until_the_work_ends():
+    assert LOG_EVERY_S < 30.0
+    waited_s = []
+    said = []
+
+    def wait(seconds: float) -> bool:
+        waited_s.append(seconds)
+        return len(waited_s) == 4
+
+    print_at_intervals(lambda: f"line {len(said)}", said.append, wait)
+    assert said == ["line 0", "line 1", "line 2"]
+    assert waited_s == [LOG_EVERY_S] * 4
+
+
+@pytest.fixture
+def impatient(monkeypatch):
+    """A log whose first line is due at once; returns a function that waits until it is printed."""
+    printed = progress_module.Event()
+
+    def print_once(describe, say, wait):
+        say(describe())
+        printed.set()
+        wait(None)
+
+    monkeypatch.setattr(progress_module, "print_at_intervals", print_once)
+    return printed.wait
+
+
+def test_without_a_terminal_progress_is_logged_on_the_error_stream(impatient, capsys):
+    with progress(quiet=False):
+        impatient()
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert re.fullmatch(r"00:0\d so far\n", said.err)
+
+
+def test_without_a_terminal_a_run_logs_its_share_with_its_mark(impatient, capsys):
+    with progress_bar("SIM", 60.0, quiet=False) as (advance, _):
+        impatient()
+        advance("stroke 1", 15.0)
+    assert re.fullmatch(r"SIM ( 0 %; )?00:0\d so far\n", capsys.readouterr().err)
+
+
+def test_on_a_terminal_and_where_json_is_printed_nothing_is_logged(terminal, capsys, monkeypatch):
+    monkeypatch.setattr(progress_module, "print_at_intervals", pytest.fail)
+    with progress(quiet=False):
+        pass
+    with progress(quiet=True):
+        pass
+
+
 @pytest.mark.parametrize("quiet", [True, False])
-def test_nothing_is_said_where_nobody_watches(quiet, capsys, monkeypatch):
+def test_short_work_says_nothing_where_nobody_watches(quiet, capsys, monkeypatch):
     if quiet:
         monkeypatch.setenv("TTY_COMPATIBLE", "1")
     with progress(quiet=quiet) as bars:

@@ -10,6 +10,10 @@ import pytest
 
 from rfca_rig.cli.main import run
 
+# A busy machine must not change what a command says: its log has no line within a test.
+PROGRESS_PERIOD = "rfca_rig.cli.progress.LOG_EVERY_S"
+NEVER_S = 1e6
+
 
 @dataclass(frozen=True)
 class Said:
@@ -22,6 +26,7 @@ class Said:
 
 def typed(monkeypatch, capsys, *words) -> Said:
     monkeypatch.setattr(sys, "argv", ["rfca-rig", *map(str, words)])
+    monkeypatch.setattr(PROGRESS_PERIOD, NEVER_S)
     with pytest.raises(SystemExit) as leaving:
         run()
     out, err = capsys.readouterr()
@@ -38,6 +43,7 @@ def typed_in(folder: Path, *words) -> Said:
     with pytest.MonkeyPatch.context() as patched, redirect_stdout(out), redirect_stderr(err):
         patched.chdir(folder)
         patched.setattr(sys, "argv", ["rfca-rig", *map(str, words)])
+        patched.setattr(PROGRESS_PERIOD, NEVER_S)
         with pytest.raises(SystemExit) as leaving:
             run()
     return Said(leaving.value.code or 0, *(one.buffer.getvalue().decode() for one in (out, err)))

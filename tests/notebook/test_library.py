@@ -7,6 +7,7 @@ import importlib
 import re
 import subprocess
 import sys
+from html import unescape
 from pathlib import Path
 from shutil import copytree
 
@@ -180,8 +181,22 @@ def test_a_run_on_the_twin_prints_nothing_and_gives_its_recording(here, capsys):
 def test_a_report_is_a_page_and_a_table(here, flapped):
     written = rr.report(flapped, out=here / "report")
     assert written.page.is_file() and len(written.table()) == 1
+    assert written.html == written.page.read_text(encoding="utf-8")
     assert written.table()["force_error_pct"][0] < 5.0
     assert "measured_fz_N" in written._repr_html_()
+
+
+@pytest.mark.slow
+def test_a_report_without_a_folder_is_shown_and_writes_nothing(here, flapped):
+    before = sorted(here.rglob("*"))
+    shown = rr.report(flapped)
+    assert sorted(here.rglob("*")) == before
+    assert shown.page is None and len(shown.table()) == 1
+    assert shown.html.startswith("<!DOCTYPE html>") and shown.html.rstrip().endswith("</html>")
+    html = shown._repr_html_()
+    assert "measured_fz_N" in html
+    (page,) = re.findall(r'<iframe sandbox srcdoc="([^"]*)"', html)
+    assert unescape(page) == shown.html
 
 
 def test_hardware_is_left_to_a_terminal():

@@ -446,7 +446,12 @@ def test_a_nuisance_parameter_has_its_prior_its_unit_and_the_key_that_states_it(
     assert written_json(tmp_path, stated)["priors"] == {
         "mass": {"value": 320.0, "std": 3.0, "unit": "g", "known_to": "mass_relative"}
     }
-    rows = {row["parameter"]: row for row in csv.DictReader((tmp_path / "believed.csv").open())}
+    rows = {
+        row["parameter"]: row
+        for row in csv.DictReader(
+            (tmp_path / "believed.csv").read_text(encoding="utf-8").splitlines()
+        )
+    }
     assert [rows["mass"][name] for name in ("unit", "prior_value", "prior_std")] == [
         "g",
         "320.0",
@@ -939,14 +944,18 @@ def test_page_terminal_and_files_state_the_same_improvement(tmp_path):
     said = " ".join(" ".join(terminal_lines(OF_LEG)).split())
     assert "fz 4.1 -> 0.071 N (noise and scatter 0.050)" in said
     assert "valley 4.0 -> 0.31 % in time, 2.0 -> 0.20 % in force" in said
-    rows = list(csv.DictReader((tmp_path / "left-out.csv").open(encoding="utf-8")))
+    rows = list(
+        csv.DictReader((tmp_path / "left-out.csv").read_text(encoding="utf-8").splitlines())
+    )
     assert [row["condition"] for row in rows] == list(CONDITIONS[:2])
     assert float(rows[1]["fz_after_N"]) == pytest.approx(0.08)
     stated = json.loads((tmp_path / "diagnosis.json").read_text(encoding="utf-8"))["left_out"]
     assert stated[0]["rms_fz_N"] == {"before": 3.0, "after": 0.06, "noise_floor": 0.05}
     assert stated[0]["valley"]["after"] == {"time_s": 1.0031, "fz_N": -50.1}
     assert stated[1]["valley"] is None
-    curves = list(csv.DictReader((tmp_path / "left-out-signals.csv").open(encoding="utf-8")))
+    curves = list(
+        csv.DictReader((tmp_path / "left-out-signals.csv").read_text(encoding="utf-8").splitlines())
+    )
     assert len(curves) == 122 and float(curves[0]["floor"]) == 0.05
 
 

@@ -81,7 +81,7 @@ def test_the_worst_are_listed_with_reasons(exam, shown):
 
 def test_the_csv_has_a_line_for_each_case(exam, tmp_path):
     write_exam(exam, tmp_path)
-    lines = list(csv.DictReader((tmp_path / "exam.csv").open()))
+    lines = list(csv.DictReader((tmp_path / "exam.csv").read_text(encoding="utf-8").splitlines()))
     assert len(lines) == COUNT and tuple(lines[0]) == HEADER
     outcomes = Counter(line["outcome"] for line in lines)
     marked = Counter()
@@ -206,6 +206,6 @@ def test_effects_that_were_taken_out_are_told_with_what_they_were_called(exam, s
     none = replace(exam, taken_out=AblationResult(Share(0, 20), Share(18, 20), Share(2, 20), ()))
     assert "0 of 20 identified as another" in Outline(page(none)).text
     write_exam(asked, tmp_path)
-    (line,) = csv.DictReader((tmp_path / "taken-out.csv").open())
+    (line,) = csv.DictReader((tmp_path / "taken-out.csv").read_text(encoding="utf-8").splitlines())
     assert line == {"concealed": "tip mass", "named": "height offset", "probability": "0.95"}
     assert json.loads(as_json(asked))["taken_out"]["confident_wrong"]["hits"] == 1

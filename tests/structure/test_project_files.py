@@ -15,6 +15,12 @@ PAGES = [
     *(ROOT / f"{name}.md" for name in ("CHANGELOG", "CODE_OF_CONDUCT", "CONTRIBUTING", "SECURITY")),
     *(ROOT / "docs/decisions").glob("*.md"),
 ]
+WORKFLOWS = sorted((ROOT / ".github/workflows").glob("*.yml"))
+HOOK_REPOSITORIES = {
+    "astral-sh/ruff-pre-commit": "ruff",
+    "codespell-project/codespell": "codespell",
+    "zizmorcore/zizmor-pre-commit": "zizmor",
+}
 LINK = re.compile(r"\]\(([^)#]+)(?:#[^)]*)?\)")
 COMMAND = re.compile(r"`(?:rfca-rig )?([a-z]+(?: [a-z]+)?) --list`")
 
@@ -32,12 +38,47 @@ def test_every_python_that_is_allowed_is_classified_and_tested():
     assert str(classified).replace("'", '"') in workflow
 
 
-def test_the_workflow_pins_its_actions_and_names_paths_that_exist():
-    workflow = (ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8")
-    used = re.findall(r"uses: (.*)", workflow)
+@pytest.mark.parametrize("workflow", WORKFLOWS, ids=lambda path: path.name)
+def test_the_workflows_pin_their_actions(workflow):
+    used = re.findall(r"uses: (.*)", workflow.read_text(encoding="utf-8"))
     assert used and all(
-        re.fullmatch(r"actions/[\w-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", one) for one in used
+        re.fullmatch(r"(actions|pypa)/[\w-]+@[0-9a-f]{40} # v\d+\.\d+\.\d+", action)
+        for action in used
     )
+
+
+def test_only_a_tag_publishes_and_without_a_token():
+    text = (ROOT / ".github/workflows/release.yml").read_text(encoding="utf-8")
+    build, publish = text.split("\n  publish:\n")
+    assert "pypi-publish" not in build and "pypi-publish" in publish
+    assert "if: github.ref_type == 'tag'" in publish
+    assert "id-token: write" in publish and "attestations: true" in publish
+    assert "id-token" not in build and "secrets." not in text and "password" not in text
+
+
+def test_hooks_have_the_versions_that_are_pinned():
+    hooks = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    constraints = (ROOT / "constraints.txt").read_text(encoding="utf-8").splitlines()
+    for repository, tool in HOOK_REPOSITORIES.items():
+        version = re.search(rf"{repository}\n    rev: v([\d.]+)\n", hooks)[1]
+        assert f"{tool}=={version}" in constraints
+
+
+def test_the_jobs_name_paths_that_exist():
+    jobs = (ROOT / "noxfile.py").read_text(encoding="utf-8")
+    named = re.findall(r'"((?:tests|docs|\.ci)/[\w./]+|constraints\.txt)"', jobs)
+    assert len(named) >= 10
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+def test_one_list_of_static_checks_for_everyone():
+    assert "in_idle_time .ci/static" in (ROOT / ".ci/run").read_text(encoding="utf-8")
+    assert '".ci/static"' in (ROOT / "noxfile.py").read_text(encoding="utf-8")
+    assert "`.ci/static`" in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+
+
+def test_the_workflow_names_paths_that_exist():
+    workflow = (ROOT / ".github/workflows/ci.yml").read_text(encoding="utf-8")
     commands = re.findall(r"run: (.*)", workflow)
     named = [
         word

@@ -132,7 +132,7 @@ def test_a_finished_sweep_is_read_and_not_computed(unbroken):
 
 def test_what_fails_is_a_row_with_its_reason(unbroken):
     result, folder = unbroken
-    rows = list(csv.DictReader((folder / "sweep.csv").open()))
+    rows = list(csv.DictReader((folder / "sweep.csv").read_text(encoding="utf-8").splitlines()))
     assert len(rows) == 12 and [row["case"] for row in rows] == [str(case) for case in range(12)]
     limp = [
         row for row in rows if row["strip.thickness_mm"] == "0.02" and row["height_mm"] != "400"

@@ -63,6 +63,7 @@ def test_netft_streams_tares_and_stops():
         assert max(abs(count) for count in sensor.measurement()) < 5e6
         sensor.stopStreaming()
         sensor.thread.join(0.1)
+        sensor.sock.close()
 
 
 @pytest.fixture

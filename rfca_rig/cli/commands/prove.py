@@ -83,24 +83,30 @@ def prove(
     Example: rfca-rig prove --out exam --seed 1 --cases 40
     """
     from rfca_rig.cli.options import PageCopies
-    from rfca_rig.errors import BadInput
+    from rfca_rig.errors import BadInput, Stopped
     from rfca_rig.exam.scored import score_exam, score_exam_so_far
+    from rfca_rig.executors.termination import interrupt_on_termination
     from rfca_rig.reports.exam.page import write_exam
 
     copies = PageCopies(pdf, figures)
-    if so_far:
-        if follows or takes_out:
-            raise BadInput(
-                "--so-far only marks; leave out --follow-up and --take-out-each, or "
-                "leave out --so-far"
-            )
-        result = score_exam_so_far(out)
-    else:
-        _work(out, seed, _numbers(cases, kind), workers, cluster, follows, takes_out, as_json)
-        result = score_exam(out)
-    write_exam(result, out)
-    _tell(result, out, as_json)
-    copies.make([out / "exam.html"], as_json)
+    if so_far and (follows or takes_out):
+        raise BadInput(
+            "--so-far only marks; leave out --follow-up and --take-out-each, or leave out --so-far"
+        )
+    try:
+        with interrupt_on_termination():
+            if so_far:
+                result = score_exam_so_far(out)
+            else:
+                numbers = _numbers(cases, kind)
+                _work(out, seed, numbers, workers, cluster, follows, takes_out, as_json)
+                result = score_exam(out)
+            write_exam(result, out)
+            _tell(result, out, as_json)
+            copies.make([out / "exam.html"], as_json)
+    # Completed cases are on disk, so the same command continues.
+    except KeyboardInterrupt:
+        raise Stopped("stopped by the operator; the same command goes on where it stood") from None
 
 
 def _work(
@@ -116,23 +122,18 @@ def _work(
     """Runs all cases; then, if asked, follow-ups of open ones, and the ablation of each effect."""
     from rfca_rig.cli.progress import progress
     from rfca_rig.clock import WallClock
-    from rfca_rig.errors import Stopped
     from rfca_rig.exam.examine import examine
     from rfca_rig.exam.follow_up import follow_up, run_ablation
 
-    try:
-        with (
-            progress(quiet=quiet) as bars,
-            open_executor(workers, cluster, bars.report, out) as executor,
-        ):
-            examine(out, seed, numbers, diagnose_as_typed, executor, WallClock, bars.report)
-            if follows:
-                follow_up(out, diagnose_as_typed, executor, bars.report)
-            if takes_out:
-                run_ablation(out, diagnose_without, executor, bars.report)
-    # Completed cases are on disk, so the same command continues.
-    except KeyboardInterrupt:
-        raise Stopped("stopped by the operator; the same command goes on where it stood") from None
+    with (
+        progress(quiet=quiet) as bars,
+        open_executor(workers, cluster, bars.report, out) as executor,
+    ):
+        examine(out, seed, numbers, diagnose_as_typed, executor, WallClock, bars.report)
+        if follows:
+            follow_up(out, diagnose_as_typed, executor, bars.report)
+        if takes_out:
+            run_ablation(out, diagnose_without, executor, bars.report)
 
 
 def _tell(result: "ExamResult", out: Path, as_json: bool) -> None:
