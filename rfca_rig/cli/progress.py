@@ -45,6 +45,8 @@ WIDEST = 34
 # Interval in s of the lines in a log: whoever follows it takes half a minute of silence for a
 # hang, and the thread that prints may be late by some seconds on a busy machine.
 LOG_EVERY_S = 25.0
+# For the thread that prints them; a line takes far less than a millisecond.
+ENDED_WITHIN_S = 1.0
 
 COMPILE_AHEAD = """
 import os, pickle, sys
@@ -135,7 +137,8 @@ def _log_at_intervals(bars: Progress, console: Console, mark: str = "") -> Itera
         yield
     finally:
         ended.set()
-        printing.join()
+        # A reader of the log that takes nothing must not keep the command from ending.
+        printing.join(ENDED_WITHIN_S)
 
 
 def print_at_intervals(

@@ -1,6 +1,7 @@
 """Progress is told where a person watches or follows a log; it counts what is done."""
 
 import re
+from threading import Event
 
 import pytest
 from rich.progress import Progress
@@ -133,7 +134,7 @@ def test_a_log_gets_a_line_at_least_every_half_minute_until_the_work_ends():
 @pytest.fixture
 def impatient(monkeypatch):
     """A log whose first line is due at once; returns a function that waits until it is printed."""
-    printed = progress_module.Event()
+    printed = Event()
 
     def print_once(describe, say, wait):
         say(describe())
@@ -141,7 +142,11 @@ def impatient(monkeypatch):
         wait(None)
 
     monkeypatch.setattr(progress_module, "print_at_intervals", print_once)
-    return printed.wait
+
+    def wait_until_printed():
+        assert printed.wait(60.0)
+
+    return wait_until_printed
 
 
 def test_without_a_terminal_progress_is_logged_on_the_error_stream(impatient, capsys):

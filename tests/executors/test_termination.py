@@ -6,7 +6,10 @@ from threading import Thread
 
 import pytest
 
+from rfca_rig.executors.cores import VARIABLE
+from rfca_rig.executors.parallel import CAN_COPY, map_in_processes
 from rfca_rig.executors.termination import SIGNALS, interrupt_on_termination
+from tests.waiting import wait_for
 
 
 def send(number: int) -> None:
@@ -67,3 +70,21 @@ def test_in_a_thread_signals_stay_as_they_are():
     thread.start()
     thread.join()
     assert seen == handlers()
+
+
+@pytest.mark.skipif(not CAN_COPY, reason="this system makes no copies of a process")
+def test_copies_of_the_process_end_without_a_word(monkeypatch, tmp_path, capfd):
+    """They are ended by SIGTERM themselves, and inherit what the block has made of it."""
+    monkeypatch.setenv(VARIABLE, "2")
+    here = os.getpid()
+
+    def work(_: int) -> None:
+        if os.getpid() == here:
+            wait_for((tmp_path / "copy").exists)
+            send(signal.SIGTERM)
+        (tmp_path / "copy").touch()
+        wait_for(lambda: False)
+
+    with pytest.raises(KeyboardInterrupt), interrupt_on_termination():
+        map_in_processes(work, range(2))
+    assert capfd.readouterr().err == ""
