@@ -44,7 +44,7 @@ def tests(session: nox.Session) -> None:
 @nox.session(venv_backend="uv", python="3.11", default=False)
 def floors(session: nox.Session) -> None:
     """Tests with the lowest versions that pyproject.toml allows, on the lowest Python."""
-    session.install("--resolution", "lowest-direct", "-e", ".[dev]")
+    session.install("--resolution", "lowest-direct", "-e", ".[dev,loggers]")
     # Old versions do not know what newer ones beside them have deprecated since.
     allowed = ("-W", "ignore::DeprecationWarning")
     session.run("pytest", "-q", "-n", "auto", *allowed, *(session.posargs or OFFLINE_TESTS))
