@@ -12,6 +12,7 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from importlib.util import find_spec
+from threading import Thread
 
 import numpy as np
 from numpy.typing import NDArray
@@ -415,6 +416,7 @@ class LiveView:
         if what == READY:
             return int(answer)
         self._process.kill()
+        self._process.wait()
         self.close()
         if what:
             raise BadInput(answer)
@@ -436,3 +438,5 @@ class LiveView:
         if not self._child.closed:
             self._child.close()
             self._queue.remove()
+            # Somebody has to take its exit code, whenever it ends.
+            Thread(target=self._process.wait, daemon=True).start()
