@@ -106,10 +106,14 @@ class Setup:
         """The laws of effects in the form of the compiled chain. Raises BadInput as `check_law`
         does.
         """
-        laws = (*self.laws, *(law(chain) for law in self.laws_of_chain))
+        laws = self.list_laws(chain)
         for use in laws:
             check_law(use)
         return make_laws(laws)
+
+    def list_laws(self, chain: Chain) -> tuple[LawUse, ...]:
+        """The laws of all effects, in the order in which the compiled chain has them."""
+        return (*self.laws, *(law(chain) for law in self.laws_of_chain))
 
     @property
     def begins_s(self) -> float:

@@ -238,6 +238,20 @@ def jit_inline(function: Function) -> Function:
     )
 
 
+def compile_to_llvm(function: Callable[..., object], types: tuple[Any, ...]) -> tuple[str, str]:
+    """Name and LLVM code of `function` for arguments of these types, with all that it calls.
+
+    For a program without Python: it has no entry point for the interpreter, and must not allocate
+    arrays, as with `jit`.
+    """
+    dispatcher = _njit(
+        **AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS, pipeline_class=_LINKING_CALLEES
+    )(function)
+    dispatcher.compile(types)
+    compiled = dispatcher.overloads[types]
+    return compiled.fndesc.llvm_func_name, compiled.library.get_llvm_str()
+
+
 def _compile(function: Function, options: dict[str, bool]) -> Function:
     # Nothing calls it by a pointer in C.
     dispatcher = _njit(no_cfunc_wrapper=True, **AS_ALL, pipeline_class=_LINKING_CALLEES, **options)(

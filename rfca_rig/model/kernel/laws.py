@@ -85,13 +85,7 @@ def _compile_call(call: Law, law: Law) -> int:
     The cache distinguishes functions by name and code of `call`, which all laws share. So each law
     has its own folder.
     """
-    # A new function with globals of its own: the module has no name `law`, and each law needs
-    # another value for it.
-    function = FunctionType(
-        call.__code__,
-        {"__name__": __name__, "law": numba.njit(law, error_model="numpy")},
-        call.__name__,
-    )
+    function = _insert_law(call, law)
     if law.__module__.startswith("rfca_rig.model.") and law.__closure__ is None:
         # As `numba.cfunc` does with its own cache, which loads the compiler's functions first.
         compiled: Any = cast(Any, CFunc)(
@@ -105,6 +99,28 @@ def _compile_call(call: Law, law: Law) -> int:
         compiled = numba.cfunc(_SIGNATURE)(function)
     _COMPILED_CODE.append(compiled)
     return int(cast(int, compiled.address))
+
+
+def make_call(law: Law, place: int) -> Law:
+    """The function that `address_of` compiles, of pointers to inputs, memory, parameters and
+    outputs, for another compiler.
+    """
+    return _insert_law(_CALLS[place], law)
+
+
+def make_advance_call(law: Law) -> Law:
+    """The same for `address_of_advance`."""
+    return _insert_law(_call_advance, law)
+
+
+def _insert_law(call: Law, law: Law) -> Law:
+    # A new function with globals of its own: the module has no name `law`, and each law needs
+    # another value for it.
+    return FunctionType(
+        call.__code__,
+        {"__name__": __name__, "law": numba.njit(law, error_model="numpy")},
+        call.__name__,
+    )
 
 
 def _key_of(law: Law) -> str:
