@@ -13,96 +13,89 @@ import subprocess
 import sys
 import tempfile
 import zipfile
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal
-
-import numpy as np
-from numpy.typing import NDArray
 
 import rfca_rig
+from rfca_rig.description.rig_file import RigFile
 from rfca_rig.errors import BadInput, RigError
-from rfca_rig.export.fmu_code import (
-    TRIPLES,
-    LegMemory,
-    MemoryLayout,
-    Stepping,
-    compile_leg,
-    lay_out,
-)
+from rfca_rig.export.fmu_code import TRIPLES, MemoryLayout, compile_leg
 from rfca_rig.export.fmu_description import (
     MODEL_IDENTIFIER,
     SPEED_INPUT,
-    START_ANGLE,
     TORQUE_INPUT,
     LegInterface,
     LegProgram,
-    OpenParameter,
-    Use,
-    Variable,
     list_outputs,
     write_description,
     write_documentation,
     write_header,
 )
-from rfca_rig.model.catalogue import resolve_effect, set_up
-from rfca_rig.model.chain import (
-    Tolerance,
-    allocate_samples,
-    allocate_workspace_of,
-    make_unloaded_state,
+from rfca_rig.export.fmu_leg import (
+    ShaftInput,
+    check_effects,
+    find_parameters,
+    lay_out_leg,
+    set_up_leg,
 )
 from rfca_rig.model.kernel.compiled import CACHE_FOLDER
 from rfca_rig.model.kernel.integrator import integrate
-from rfca_rig.model.kernel.state import Shaft
-from rfca_rig.model.motion import ShaftMotion, ramp_to_speed
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.model.setup import Setup, add_drive
+from rfca_rig.model.setup import Setup
 from rfca_rig.recording.atomic import write_atomically
-
-Floats = NDArray[np.float64]
-Input = Literal["speed", "torque"]
+from rfca_rig.subprocesses import python_command
 
 PACKAGE = Path(rfca_rig.__file__).parent
 SOURCES = Path(__file__).parent
-# Of the program in C: warnings are errors, because nobody would see them.
-COMPILER_OPTIONS = (
-    "-std=c99 -O2 -Wall -Wextra -Werror -fPIC -shared -fvisibility=hidden -s".split()
-)
+COMPILER_OPTIONS = ("-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-s")
 # The oldest Linux that the binary has to run on: glibc 2.17 is of 2012.
 ZIG_TARGETS = {"x86_64-linux": "x86_64-linux-gnu.2.17", "x86_64-windows": "x86_64-windows-gnu"}
 ENDINGS = {"x86_64-linux": ".so", "x86_64-windows": ".dll"}
 # The earliest time that a zip file can hold: the same leg gives the same file.
 NO_TIME = (1980, 1, 1, 0, 0, 0)
 
-# A parameter's effect on the numbers of the leg is found by varying it by this share.
-VARIATION = 0.1
-# Numbers that follow from a parameter agree with a straight line to rounding.
-STRAIGHT = 1e-12
-
 
 @dataclass(frozen=True)
 class LegModel:
-    """What is exported: the model of a rig under a title, with where it comes from, name and value.
+    """What is exported: the model of a rig under a title, the kind and path of the file that it
+    comes from, and in words what of this file is not part of the model.
     """
 
     rig: RigModel
     title: str
-    source: Mapping[str, str]
+    kind: str
+    file: Path
+    left_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class ExportedFmu:
-    """The platforms of the binaries, and the names of the parameters that are open."""
+    """The platforms of the binaries, and the names of the variables."""
 
     platforms: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
     parameters: tuple[str, ...]
 
 
+def list_left_out(file: RigFile) -> tuple[str, ...]:
+    """What a rig file states beside its model, and an FMU does not have."""
+    items = ["ramp_s of [drive]: the input is the motion"]
+    if file.sensor.noise_std is not None:
+        items.append("noise_std of [sensor]: the forces are exact")
+    if file.twin is not None:
+        items.append("[twin]: noise, scatter and drive of the simulated rig")
+    return tuple(items)
+
+
 def export_fmu(
-    model: LegModel, out: Path, height_m: float, shaft_input: Input, platforms: Sequence[str] = ()
+    model: LegModel,
+    out: Path,
+    height_m: float,
+    shaft_input: ShaftInput,
+    platforms: Sequence[str] = (),
 ) -> ExportedFmu:
     """Writes the FMU `out`, completely or not at all.
 
@@ -132,9 +125,9 @@ def export_fmu(
     commands = [_find_compiler(platform) for platform in platforms]
     if not hasattr(integrate, "py_func"):
         raise BadInput("numba is switched off (NUMBA_DISABLE_JIT); an FMU is compiled code")
-    _check_effects(model.rig, height_m, shaft_input)
-    setup = _set_up(model.rig, height_m)
-    layout = _lay_out(setup, shaft_input)
+    check_effects(model.rig, height_m, shaft_input)
+    setup = set_up_leg(model.rig, height_m)
+    layout = lay_out_leg(setup, shaft_input)
     interface = _describe(model, setup, layout, shaft_input)
     laws = setup.list_laws(setup.chain())
     drive = setup.drive
@@ -144,6 +137,7 @@ def export_fmu(
         drive_sags=drive is not None and not drive.holds_start,
         drive_holds=drive is not None and drive.holds_start,
         below_shaft_m=model.rig.sensor.below_shaft_m,
+        start_angle_rad=model.rig.leg.start_angle_rad,
     )
     header = write_header(interface, program)
     files = {
@@ -157,7 +151,10 @@ def export_fmu(
         files[name] = _build_binary(command, header, code)
     write_atomically(out, _zip(files))
     return ExportedFmu(
-        platforms, tuple(parameter.variable.name for parameter in interface.parameters)
+        platforms,
+        (interface.input.name,),
+        tuple(output.name for output in interface.outputs),
+        tuple(parameter.variable.name for parameter in interface.parameters),
     )
 
 
@@ -179,8 +176,7 @@ def _find_compiler(platform: str) -> list[str]:
         raise BadInput(f"--platform {platform}: is none of {', '.join(TRIPLES)}")
     # Preferred, because its binaries run on older systems than this one.
     if find_spec("ziglang") is not None:
-        # Not -P, but -I, is refused by no version; both keep the current folder off the path.
-        return [sys.executable, "-P", "-m", "ziglang", "cc", "-target", ZIG_TARGETS[platform]]
+        return python_command("-m", "ziglang", "cc", "-target", ZIG_TARGETS[platform])
     own = shutil.which("cc") if platform == _own_platform() else None
     if own is None:
         raise BadInput(
@@ -190,84 +186,11 @@ def _find_compiler(platform: str) -> list[str]:
     return [own]
 
 
-# The motion is the input of an FMU: effects see a shaft that stands.
-def _stand(rig: RigModel) -> ShaftMotion:
-    return ramp_to_speed(rig.leg.start_angle_rad, 0.0, 1.0, 1.0)
-
-
-def _set_up(rig: RigModel, height_m: float) -> Setup:
-    return set_up(rig, height_m, _stand(rig))
-
-
-def _check_effects(rig: RigModel, height_m: float, shaft_input: Input) -> None:
-    """Raises BadInput for the first effect that an FMU cannot have."""
-    if rig.swing is not None:
-        raise BadInput("the model swings before the stroke; an FMU begins at rest")
-    for present in rig.effects:
-        if reason := _why_not(rig, present, height_m, shaft_input):
-            raise BadInput(
-                f"effect {present.id}: {reason}; leave the effect out of the rig file or model file"
-            )
-
-
-def _why_not(
-    rig: RigModel, present: PresentEffect, height_m: float, shaft_input: Input
-) -> str | None:
-    """Why an FMU cannot have this effect; None if it can."""
-    still = _stand(rig)
-    alone = set_up(replace(rig, effects=(present,)), height_m, still)
-    effect, _ = resolve_effect(present)
-    if alone.sensor_changes:
-        return "changes readings of the force sensor, and an FMU has the forces themselves"
-    if alone.motion is not still:
-        return "changes a motion that is known beforehand, and that of an FMU is its input"
-    if effect.needs_order:
-        return "depends on the number of strokes before, which an FMU does not count"
-    if alone.drive is not None and shaft_input == "torque":
-        return "is a drive between command and shaft, which --input torque replaces"
-    return None
-
-
-def _lay_out(setup: Setup, shaft_input: Input) -> MemoryLayout:
-    """The block of numbers with the leg before its rest pose is known."""
-    chain = setup.chain()
-    laws = setup.compile_laws(chain)
-    start_rad = setup.motion.start_rad
-    # One piece of motion at a time, which begins with a landing or has none.
-    still = np.array([[start_rad, 0.0, 0.0, 0.0]])
-    shaft = Shaft(np.zeros(2), still, np.zeros(1), False, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    if setup.drive is not None:
-        shaft = add_drive(shaft, setup.drive, start_rad)
-    elif shaft_input == "torque":
-        shaft = shaft._replace(free=True)
-    state = make_unloaded_state(chain, start_rad, laws)
-    usual = Tolerance()
-    memory = LegMemory(
-        chain,
-        laws,
-        shaft,
-        state,
-        allocate_workspace_of(chain),
-        allocate_samples(np.zeros(1), state.q.size, state.anchor.size),
-        Stepping(
-            span=np.zeros(2),
-            next_step=np.zeros(1),
-            longest_step=usual.longest_s,
-            most_steps=float(usual.most_steps),
-            tolerance=usual.bounds,
-        ),
-    )
-    # Samples are not initialised; the file should not depend on what was in the memory.
-    for column in memory.samples:
-        column.fill(0.0)
-    return lay_out(memory)
-
-
 def _describe(
-    model: LegModel, setup: Setup, layout: MemoryLayout, shaft_input: Input
+    model: LegModel, setup: Setup, layout: MemoryLayout, shaft_input: ShaftInput
 ) -> LegInterface:
     rig = model.rig
-    parameters = _find_parameters(rig, setup.height_m, layout, shaft_input)
+    parameters = find_parameters(rig, setup.height_m, layout, shaft_input)
     content = hashlib.sha256(layout.numbers.tobytes())
     laws = setup.list_laws(setup.chain())
     names = [(use.law.__module__, use.law.__qualname__, use.place, use.only) for use in laws]
@@ -275,155 +198,21 @@ def _describe(
         content.update(repr(part).encode())
     return LegInterface(
         title=model.title,
-        source=model.source,
+        source={
+            model.kind: model.file.name,
+            "SHA-256": hashlib.sha256(model.file.read_bytes()).hexdigest(),
+        },
         input=SPEED_INPUT if shaft_input == "speed" else TORQUE_INPUT,
         outputs=list_outputs(len(rig.leg.link_lengths_m)),
         parameters=parameters,
-        notes=_write_notes(rig, shaft_input),
+        notes=_write_notes(model, shaft_input),
         token=f"{{{content.hexdigest()[:32]}}}",
     )
 
 
-@dataclass(frozen=True)
-class _Candidate:
-    """A value of the rig that could be open."""
-
-    variable: Variable
-    value: float
-    least: float
-    change: Callable[[RigModel, float], tuple[RigModel, float | None]]
-
-
-def _change_leg(key: str) -> Callable[[RigModel, float], tuple[RigModel, float | None]]:
-    def change(rig: RigModel, value: float) -> tuple[RigModel, float | None]:
-        changed: dict[str, Any] = {key: value}
-        return replace(rig, leg=replace(rig.leg, **changed)), None
-
-    return change
-
-
-def _change_ground(key: str) -> Callable[[RigModel, float], tuple[RigModel, float | None]]:
-    def change(rig: RigModel, value: float) -> tuple[RigModel, float | None]:
-        changed: dict[str, Any] = {key: value}
-        return replace(rig, ground=replace(rig.ground, **changed)), None
-
-    return change
-
-
-def _list_candidates(rig: RigModel, height_m: float) -> list[_Candidate]:
-    leg = rig.leg
-    ground = rig.ground
-    candidates = [
-        _Candidate(
-            Variable("height_m", "m", "Height of the shaft above the ground"),
-            height_m,
-            0.0,
-            lambda rig, value: (rig, value),
-        ),
-        _Candidate(START_ANGLE, leg.start_angle_rad, -np.inf, _change_leg("start_angle_rad")),
-        _Candidate(
-            Variable("k0_Nm_per_rad", "N.m/rad", "Stiffness of a hinge at rest; scales its curve"),
-            leg.k0_Nm_per_rad,
-            0.0,
-            _change_leg("k0_Nm_per_rad"),
-        ),
-        _Candidate(
-            Variable("hinge_damping_Nm_s_per_rad", "N.m.s/rad", "Damping of a hinge"),
-            leg.hinge_damping_Nm_s_per_rad,
-            0.0,
-            _change_leg("hinge_damping_Nm_s_per_rad"),
-        ),
-        _Candidate(
-            Variable("contact_stiffness_N_per_m1p5", "N/m1.5", "Stiffness of the ground"),
-            ground.stiffness_N_per_m1p5,
-            0.0,
-            _change_ground("stiffness_N_per_m1p5"),
-        ),
-        _Candidate(
-            Variable("contact_damping_s_per_m", "s/m", "Damping of the ground"),
-            ground.damping_s_per_m,
-            0.0,
-            _change_ground("damping_s_per_m"),
-        ),
-        _Candidate(
-            Variable("friction_coefficient", "", "Coefficient of friction of the ground"),
-            ground.friction_coefficient,
-            0.0,
-            _change_ground("friction_coefficient"),
-        ),
-    ]
-    if not leg.torque_splines:
-        k2 = Variable("k2_per_rad2", "1/rad2", "Hardening of a hinge: k0 phi (1 + k2 phi^2)")
-        candidates.append(_Candidate(k2, leg.k2_per_rad2, -np.inf, _change_leg("k2_per_rad2")))
-    return candidates
-
-
-def _find_parameters(
-    rig: RigModel, height_m: float, layout: MemoryLayout, shaft_input: Input
-) -> tuple[OpenParameter, ...]:
-    """The values that are open: those on which the numbers of the leg depend along straight lines,
-    with all effects.
-    """
-    parameters = []
-    taken: set[int] = set()
-    for candidate in _list_candidates(rig, height_m):
-        uses = _find_uses(rig, height_m, layout, shaft_input, candidate)
-        places = {use.at for use in uses or ()}
-        if uses is None or places & taken:
-            # An effect computes something else from the value, so it stays as it is.
-            continue
-        taken |= places
-        parameters.append(
-            OpenParameter(candidate.variable, candidate.value, candidate.least, uses)
-        )
-    if shaft_input == "torque":
-        rotor = layout.slot("shaft", "rotor").offset
-        variable = Variable("rotor_kg_m2", "kg.m2", "Inertia of the drive, at the shaft")
-        parameters.append(OpenParameter(variable, 0.0, 0.0, (Use(rotor, 0.0, 1.0),)))
-    return tuple(parameters)
-
-
-def _find_uses(
-    rig: RigModel,
-    height_m: float,
-    layout: MemoryLayout,
-    shaft_input: Input,
-    candidate: _Candidate,
-) -> tuple[Use, ...] | None:
-    """How the numbers depend on a value; None where the dependence is not a straight line."""
-    step = VARIATION * (abs(candidate.value) or 1.0)
-
-    def numbers_at(value: float) -> Floats:
-        changed, height = candidate.change(rig, value)
-        setup = _set_up(changed, height_m if height is None else height)
-        return _lay_out(setup, shaft_input).numbers
-
-    here = layout.numbers
-    further = numbers_at(candidate.value + step)
-    nearer = numbers_at(candidate.value + 0.5 * step)
-    if further.size != here.size or nearer.size != here.size:
-        return None
-    uses = []
-    for at in np.flatnonzero((further != here) | (nearer != here)).tolist():
-        # The program in C begins every simulation by writing these itself.
-        if candidate.variable is START_ANGLE and _follows_start_angle(layout, at):
-            continue
-        slope = float(further[at] - here[at]) / step
-        expected = here[at] + 0.5 * step * slope
-        if not abs(nearer[at] - expected) <= STRAIGHT * max(abs(expected), abs(here[at])):
-            return None
-        uses.append(Use(at, float(here[at]) - slope * candidate.value, slope))
-    return tuple(uses)
-
-
-def _follows_start_angle(layout: MemoryLayout, at: int) -> bool:
-    slots = [layout.slot("state", "q"), layout.slot("shaft", "coefficient")]
-    slots.append(layout.slot("shaft", "angle"))
-    return any(slot.offset <= at < slot.offset + slot.size for slot in slots)
-
-
-def _write_notes(rig: RigModel, shaft_input: Input) -> tuple[str, ...]:
+def _write_notes(model: LegModel, shaft_input: ShaftInput) -> tuple[str, ...]:
     """What a user of the model has to know."""
+    rig = model.rig
     links = len(rig.leg.link_lengths_m)
     notes = [
         f"A planar chain of {links} rigid links with elastic hinges; the end of each link may "
@@ -434,8 +223,9 @@ def _write_notes(rig: RigModel, shaft_input: Input) -> tuple[str, ...]:
         "the initialization ends; parameters are fixed from then on.",
         "Steps inside of a communication step follow the tolerance of the simulation: the error "
         "per step in angles [rad], 1e-5 if none is given, and 3000 times as much in rad/s.",
-        "Sensor readings are exact: no noise, no lag, no rounding.",
+        "Forces are exact: they have no noise, lag or rounding of a sensor.",
     ]
+    notes += [f"Not part of the model: {words}." for words in model.left_out]
     if shaft_input == "speed":
         notes.append(
             "The speed of the command changes linearly during a communication step and reaches "
@@ -487,7 +277,7 @@ def _build_binary(command: Sequence[str], header: str, code: bytes) -> bytes:
             "-o",
             str(library),
         ]
-        result = subprocess.run(  # noqa: S603
+        result = subprocess.run(
             [*command, *arguments], cwd=place, capture_output=True, text=True, check=False
         )
         if result.returncode != 0:

@@ -46,11 +46,10 @@ TRIPLES = {
 }
 
 # Functions of the C library that compiled code may call; every C library has them.
-C_LIBRARY = frozenset(
-    "acos asin atan atan2 cbrt ceil cos cosh exp exp2 expm1 fabs floor fma fmod frexp hypot ldexp "
-    "log log10 log1p log2 memcpy memmove memset nearbyint pow rint sin sinh sqrt tan tanh "
-    "trunc".split()
-)
+C_LIBRARY = """
+acos asin atan atan2 cbrt ceil cos cosh exp exp2 expm1 fabs floor fmod frexp hypot ldexp log log10
+log1p log2 memcpy memmove memset nearbyint pow rint sin sinh sqrt tan tanh trunc
+"""
 
 _NUMBERS = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
 _INTEGERS = types.CPointer(types.int64)  # type: ignore[no-untyped-call]
@@ -211,7 +210,8 @@ def _make_view(layout: MemoryLayout) -> Any:
     """
     part_types = []
     for fields in layout.memory:
-        part_types.append(types.NamedTuple([_type_of(value) for value in fields], type(fields)))
+        field_types = [_type_of(value) for value in fields]
+        part_types.append(cast(Any, types.NamedTuple)(field_types, type(fields)))
     result = types.Tuple(part_types)  # type: ignore[no-untyped-call]
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -235,12 +235,11 @@ def _make_view(layout: MemoryLayout) -> Any:
             parts.append(context.make_tuple(builder, part_type, values))
         return context.make_tuple(builder, result, parts)
 
-    @cast(Any, intrinsic)
     def view(typing_context: Any, numbers: Any, integers: Any) -> Any:
         del typing_context
         return result(numbers, integers), generate
 
-    return view
+    return cast(Any, intrinsic)(view)
 
 
 def _type_of(value: Any) -> Any:
@@ -259,7 +258,7 @@ def _view_array(
 ) -> Any:
     array = context.make_array(array_type)(context, builder)
     strides = [8 * int(np.prod(shape[axis + 1 :], dtype=int)) for axis in range(len(shape))]
-    populate_array(
+    cast(Any, populate_array)(
         array,
         data=pointer,
         shape=[_index(length) for length in shape],
@@ -286,7 +285,11 @@ def _link(entries: dict[str, tuple[str, str]]) -> Any:
             entry = _write_entry(name, compiled)
         module.link_in(llvm.parse_assembly(entry))
     for function in module.functions:
-        if not function.is_declaration and function.name not in entries:
+        if function.is_declaration:
+            continue
+        if function.name in entries:
+            function.visibility = llvm.Visibility.hidden
+        else:
             function.linkage = llvm.Linkage.internal
     for variable in module.global_variables:
         if not variable.is_declaration:
@@ -349,10 +352,10 @@ def _check_externals(module: Any) -> None:
         for function in module.functions
         if function.is_declaration and not function.name.startswith("llvm.")
     }
-    if missing := externals - C_LIBRARY:
+    if missing := externals - {*C_LIBRARY.split()}:
         raise RigError(
-            f"the compiled leg needs {', '.join(sorted(missing))}, which only Python has; leave out "
-            "the effect whose law calls it"
+            f"the compiled leg needs {', '.join(sorted(missing))}, which only Python has; leave "
+            "out the effect whose law calls it"
         )
 
 

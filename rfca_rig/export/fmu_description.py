@@ -317,6 +317,7 @@ class LegProgram:
     drive_sags: bool
     drive_holds: bool
     below_shaft_m: float
+    start_angle_rad: float
 
 
 def write_header(interface: LegInterface, program: LegProgram) -> str:
@@ -345,9 +346,6 @@ def write_header(interface: LegInterface, program: LegProgram) -> str:
     for reference, output in enumerate(interface.outputs, start=OUTPUTS):
         if output.constant:
             sizes[f"VARIABLE_{output.constant}"] = reference
-    for number, parameter in enumerate(interface.parameters):
-        if parameter.variable is START_ANGLE:
-            sizes["PARAMETER_START_ANGLE"] = number
     for name, (part, field) in _PLACES.items():
         sizes[name] = layout.slot(part, field).offset
     lines = [
@@ -357,6 +355,7 @@ def write_header(interface: LegInterface, program: LegProgram) -> str:
         "",
         *(f"#define {name} {value}" for name, value in sizes.items()),
         f"#define BELOW_SHAFT_M {_number(program.below_shaft_m)}",
+        _define_start_angle(interface, program),
         f'#define INSTANTIATION_TOKEN "{interface.token}"',
         "",
         "typedef struct {",
@@ -391,6 +390,15 @@ def write_header(interface: LegInterface, program: LegProgram) -> str:
         "",
     ]
     return "\n".join(lines)
+
+
+def _define_start_angle(interface: LegInterface, program: LegProgram) -> str:
+    """The start angle of the shaft as a parameter, or as a number where it is not open."""
+    value = _number(program.start_angle_rad)
+    for number, parameter in enumerate(interface.parameters):
+        if parameter.variable is START_ANGLE:
+            value = f"((parameters)[{number}])"
+    return f"#define START_ANGLE_RAD(parameters) {value}"
 
 
 def _list_parameters(parameters: Sequence[OpenParameter]) -> list[str]:

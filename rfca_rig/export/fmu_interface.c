@@ -126,7 +126,7 @@ static fmi3Status settle(Instance *instance)
 {
     Model *model = &instance->model;
     double *numbers = model->numbers;
-    double start_rad = model->parameters[PARAMETER_START_ANGLE];
+    double start_rad = START_ANGLE_RAD(model->parameters);
     double shape_rad = start_rad;
     int64_t found;
 

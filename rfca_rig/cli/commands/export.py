@@ -1,15 +1,17 @@
 """rfca-rig export, rfca-rig import"""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from rfca_rig.cli.options import AllowOutside, Command, Json
+from rfca_rig.cli.options import AllowOutside, Command, Json, Model, Rig, out_file
 from rfca_rig.cli.terminal import echo
 
 app = typer.Typer(
-    help="Recordings for other programs: MCAP for Foxglove and PlotJuggler, CSV for the rest.",
+    help="Recordings for other programs: MCAP for Foxglove and PlotJuggler, CSV for the rest. And "
+    "the model of the leg: FMU, MJCF.",
     no_args_is_help=True,
 )
 Recorded = Annotated[
@@ -169,6 +171,110 @@ def export_mjcf(
     for words in exported.left_out:
         echo(f"left out: {words}", err=True)
     echo(f"{exported.recordings} strokes in {out}; type rfca-rig diagnose {out}", err=True)
+
+
+class ShaftInput(StrEnum):
+    """Input of an exported leg."""
+
+    SPEED = "speed"
+    TORQUE = "torque"
+
+
+class Platform(StrEnum):
+    """What the binary of an exported leg runs on."""
+
+    LINUX = "x86_64-linux"
+    WINDOWS = "x86_64-windows"
+
+
+@app.command("fmu", cls=Command)
+def export_fmu(
+    out: Annotated[
+        Path,
+        typer.Option("--out", metavar="FILE", callback=out_file, help="The .fmu file to write."),
+    ],
+    rig: Rig = "twin",
+    model: Model = None,
+    height: Annotated[
+        float,
+        typer.Option(
+            "--height",
+            metavar="MM",
+            min=1,
+            max=1000,
+            help="Height of the shaft above the ground at the start; a parameter of the FMU.",
+        ),
+    ] = 215.0,
+    shaft_input: Annotated[
+        ShaftInput,
+        typer.Option(
+            "--input",
+            metavar="HOW",
+            help="What turns the shaft: speed (a commanded speed), torque (of a drive).",
+        ),
+    ] = ShaftInput.SPEED,
+    platform: Annotated[
+        list[Platform] | None,
+        typer.Option(
+            "--platform",
+            metavar="NAME",
+            help=(
+                "What the FMU runs on: x86_64-linux, x86_64-windows; this computer's if not "
+                "given. Repeat it for both."
+            ),
+        ),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Write the model of a leg, with its effects, as an FMU for co-simulation (FMI 3.0): for
+    Simulink, Dymola, OpenModelica, RecurDyn, FMPy.
+
+    It needs no Python where it runs. It is compiled here for half a minute, by the system's C
+    compiler or that of pip install "rfca-rig[fmu]"; see docs/fmu.md.
+
+    Example: rfca-rig export fmu --rig twin --out leg.fmu
+    """
+    import json
+
+    from rfca_rig.cli.paths import find_rig
+    from rfca_rig.cli.progress import progress
+    from rfca_rig.description.model_file import read_model_file
+    from rfca_rig.description.rig_file import read_rig
+    from rfca_rig.export.fmu import LegModel, list_left_out
+    from rfca_rig.export.fmu import export_fmu as export
+
+    if model is not None:
+        leg = LegModel(read_model_file(model).model(), model.stem, "model file", model)
+    else:
+        path = find_rig(rig)
+        file = read_rig(path)
+        leg = LegModel(file.model(), file.rig.title, "rig file", path, list_left_out(file))
+    with progress(as_json) as bars:
+        bars.show_unbounded("compiling", lambda: "half a minute")
+        exported = export(
+            leg,
+            out,
+            height / 1e3,
+            shaft_input.value,
+            [item.value for item in platform or ()],
+        )
+    if as_json:
+        names = {
+            "platforms": list(exported.platforms),
+            "inputs": list(exported.inputs),
+            "outputs": list(exported.outputs),
+            "parameters": list(exported.parameters),
+            "left_out": list(leg.left_out),
+        }
+        echo(json.dumps({"out": str(out), **names}, indent=1))
+        return
+    for words in leg.left_out:
+        echo(f"left out: {words}", err=True)
+    echo(
+        f"{out}: {', '.join(exported.inputs)} in, {len(exported.outputs)} outputs, "
+        f"{len(exported.parameters)} parameters, for {' and '.join(exported.platforms)}",
+        err=True,
+    )
 
 
 def import_folder(
