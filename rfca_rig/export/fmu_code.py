@@ -147,17 +147,24 @@ def compile_leg(
         name: compile_to_llvm(function, (_NUMBERS, _INTEGERS))
         for name, function in _make_functions(layout).items()
     }
-    pointers = (_NUMBERS,) * 4
-    for number, use in enumerate(laws):
-        entries[f"{LAW}{number}"] = compile_to_llvm(make_call(use.law, use.place), pointers)
-        if use.advance:
-            advance = make_advance_call(use.advance)
-            entries[f"{ADVANCE}{number}"] = compile_to_llvm(advance, pointers)
-    module = _link(entries)
+    module = _link(entries | _compile_laws(laws))
     _check_externals(module)
     llvm.initialize_all_targets()
     llvm.initialize_all_asmprinters()
     return [_emit_object(module.clone(), TRIPLES[platform]) for platform in platforms]
+
+
+def _compile_laws(laws: Sequence[LawUse]) -> dict[str, tuple[str, str]]:
+    """Name and LLVM code of the functions of laws, by the names that C has for them."""
+    pointers = (_NUMBERS,) * 4
+    entries = {}
+    for number, use in enumerate(laws):
+        call = make_call(use.law, use.place)
+        entries[f"{LAW}{number}"] = compile_to_llvm(call, pointers, is_law=True)
+        if use.advance:
+            call = make_advance_call(use.advance)
+            entries[f"{ADVANCE}{number}"] = compile_to_llvm(call, pointers, is_law=True)
+    return entries
 
 
 def _make_functions(layout: MemoryLayout) -> dict[str, Callable[..., int]]:

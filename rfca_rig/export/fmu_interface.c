@@ -163,7 +163,7 @@ static fmi3Status settle(Instance *instance)
     numbers[AT_DRAG] = drag;
     numbers[AT_SHAFT_FREE] = shaft_free;
     if (found != 1) {
-        return give_up(instance, "no rest pose found; is the height right?");
+        return give_up(instance, "no rest pose found; are the parameters right?");
     }
     if (leg_measure(numbers, instance->integers) != 1) {
         return give_up(instance, "the forces at rest cannot be computed");

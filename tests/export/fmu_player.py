@@ -57,7 +57,7 @@ class Instance:
         self.fmu = fmu
         self.messages: list[str] = []
         # Kept, because the library calls it later.
-        self._log = LOG(lambda _, status, category, text: self.messages.append(text.decode()))
+        self._log = LOG(lambda *message: self.messages.append(message[-1].decode()))
         self.model = POINTER(
             fmu.library.fmi3InstantiateCoSimulation(
                 b"leg",

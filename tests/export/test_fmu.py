@@ -1,4 +1,4 @@
-"""The leg as an FMU against the compiled chain: played by functions of the standard, and by FMPy."""
+"""The leg as an FMU against the compiled chain, played by functions of the standard and by FMPy."""
 
 import ctypes
 import importlib.util
@@ -19,6 +19,7 @@ from rfca_rig.errors import BadInput, RigError
 from rfca_rig.export import fmu, fmu_code
 from rfca_rig.export.fmu import LegModel, export_fmu
 from rfca_rig.export.fmu_leg import check_effects, find_parameters, lay_out_leg, set_up_leg
+from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.chain import (
     HELD_SHAFT,
     Tolerance,
@@ -347,8 +348,8 @@ def test_wrong_calls_are_refused_with_a_message(exported):
 @pytest.mark.slow
 def test_a_leg_that_cannot_rest_fails_until_it_is_reset(exported):
     instance = exported("plain").instance()
-    assert instance.set(k0_Nm_per_rad=0.0) == OK
-    instance.initialize()
+    assert instance.set(k0_Nm_per_rad=1e308) == OK
+    assert instance.initialize() == ERROR
     assert instance.step(0.0, STEP_S) == ERROR
     assert "no rest pose found" in instance.messages[0]
     instance.reset()
@@ -408,16 +409,12 @@ def test_fmpy_validates_and_simulates_it(exported, name):
 
 
 def warnings_of(tmp_path, *options):
-    layout, program, interface = program_of(rig_with(FRICTION, HYSTERESIS))
+    program, interface = program_of(rig_with(FRICTION, HYSTERESIS))
     (tmp_path / "leg.h").write_text(fmu.write_header(interface, program), encoding="ascii")
     source = Path(fmu.__file__).with_name("fmu_interface.c")
-    return subprocess.run(
-        ["cc", "-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-fsyntax-only", f"-I{tmp_path}"]
-        + [*options, str(source)],
-        capture_output=True,
-        text=True,
-        check=False,
-    ).stderr
+    strict = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-fsyntax-only")
+    command = ["cc", *strict, f"-I{tmp_path}", *options, str(source)]
+    return subprocess.run(command, capture_output=True, text=True, check=False).stderr
 
 
 def program_of(rig):
@@ -426,7 +423,7 @@ def program_of(rig):
     layout = lay_out_leg(setup, "speed")
     interface = fmu._describe(LegModel(rig, "leg", "rig file", file), setup, layout, "speed")
     laws = setup.list_laws(setup.chain())
-    return layout, fmu.LegProgram(layout, laws, False, False, 0.045, 0.2), interface
+    return fmu.LegProgram(layout, laws, False, False, 0.045, 0.2), interface
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler cc")
@@ -469,7 +466,7 @@ def test_an_effect_that_an_fmu_cannot_have_is_refused(words):
 
 def test_a_drive_is_refused_beside_a_torque():
     check_effects(rig_with(PLAY), HEIGHT_M, "speed")
-    with pytest.raises(BadInput, match="effect shaft_play: .*--input torque replaces"):
+    with pytest.raises(BadInput, match=r"effect shaft_play: .*--input torque replaces"):
         check_effects(rig_with(PLAY), HEIGHT_M, "torque")
 
 
@@ -500,9 +497,30 @@ def test_code_that_needs_python_is_refused():
         fmu_code._check_externals(llvm.parse_assembly(needs))
 
 
+@pytest.mark.slow
+def test_every_effect_of_a_leg_is_refused_or_needs_no_python():
+    refused = set()
+    for name, entry in catalogue().items():
+        values = {parameter.name: parameter.high for parameter in entry.parameters}
+        rig = rig_with(effect(name, **values))
+        try:
+            check_effects(rig, HEIGHT_M, "speed")
+        except BadInput:
+            refused.add(name)
+            continue
+        setup = set_up_leg(rig, HEIGHT_M)
+        laws = setup.list_laws(setup.chain())
+        fmu_code._check_externals(fmu_code._link(fmu_code._compile_laws(laws)))
+    assert {"stiffness_fading", "motor_speed_ripple"} < refused
+    assert all(
+        name.startswith(("sensor", "clock")) or name in ("stiffness_fading", "motor_speed_ripple")
+        for name in refused
+    )
+
+
 def test_what_is_missing_is_said_before_anything_is_compiled(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(fmu, "compile_leg", partial(pytest.fail, "compiled"))
-    monkeypatch.setattr(fmu, "find_spec", lambda name: None)
+    monkeypatch.setattr(fmu, "find_spec", lambda _: None)
     out = tmp_path / "leg.fmu"
     words = ("export", "fmu", "--out", out, "--platform")
     other = "x86_64-windows" if PLATFORM == "x86_64-linux" else "x86_64-linux"

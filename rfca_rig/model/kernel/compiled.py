@@ -238,15 +238,19 @@ def jit_inline(function: Function) -> Function:
     )
 
 
-def compile_to_llvm(function: Callable[..., object], types: tuple[Any, ...]) -> tuple[str, str]:
-    """Name and LLVM code of `function` for arguments of these types, with all that it calls.
+def compile_to_llvm(
+    function: Callable[..., object], types: tuple[Any, ...], is_law: bool = False
+) -> tuple[str, str]:
+    """Name and LLVM code of `function` for arguments of these types, with all that it calls, for a
+    program without Python.
 
-    For a program without Python: it has no entry point for the interpreter, and must not allocate
-    arrays, as with `jit`.
+    It must not allocate arrays, as with `jit`. The function of a law gets the options with which
+    `laws` compiles it, so that it rounds as here.
     """
-    dispatcher = _njit(
-        **AS_ALL, **WITHOUT_COUNTING, **WITHOUT_WRAPPERS, pipeline_class=_LINKING_CALLEES
-    )(function)
+    options: dict[str, Any] = {}
+    if not is_law:
+        options = {**AS_ALL, **WITHOUT_COUNTING}
+    dispatcher = _njit(**options, **WITHOUT_WRAPPERS, pipeline_class=_LINKING_CALLEES)(function)
     dispatcher.compile(types)
     compiled = dispatcher.overloads[types]
     return compiled.fndesc.llvm_func_name, compiled.library.get_llvm_str()
