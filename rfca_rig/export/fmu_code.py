@@ -111,7 +111,7 @@ class MemoryLayout:
     """
 
     memory: LegMemory
-    slots: dict[tuple[str, str], Slot]
+    slots: dict[tuple[str, bytes], Slot]
     numbers: Floats
     integers: NDArray[np.int64]
 
@@ -154,8 +154,8 @@ def compile_leg(
     return [_emit_object(module.clone(), TRIPLES[platform]) for platform in platforms]
 
 
-def _compile_laws(laws: Sequence[LawUse]) -> dict[str, tuple[str, str]]:
-    """Name and LLVM code of the functions of laws, by the names that C has for them."""
+def _compile_laws(laws: Sequence[LawUse]) -> dict[str, tuple[str, bytes]]:
+    """Name and LLVM bitcode of the functions of laws, by the names that C has for them."""
     pointers = (_NUMBERS,) * 4
     entries = {}
     for number, use in enumerate(laws):
@@ -276,7 +276,7 @@ def _view_array(
     return array._getvalue()
 
 
-def _link(entries: dict[str, tuple[str, str]]) -> Any:
+def _link(entries: dict[str, tuple[str, bytes]]) -> Any:
     """One module with all functions, and under each name of `entries` a function that C calls.
 
     Everything else becomes internal, so that two models in one process cannot take each other's
@@ -285,7 +285,7 @@ def _link(entries: dict[str, tuple[str, str]]) -> Any:
     module = llvm.parse_assembly("")
     # The names of compiled functions contain a number of their compilation: nothing clashes.
     for name, (compiled, code) in entries.items():
-        module.link_in(llvm.parse_assembly(code))
+        module.link_in(llvm.parse_bitcode(code))
         if name.startswith((LAW, ADVANCE)):
             entry = _write_law_entry(name, compiled)
         else:

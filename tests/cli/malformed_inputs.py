@@ -1055,6 +1055,10 @@ ARGUMENTS: tuple[tuple[str, tuple[str, ...]], ...] = (
     ("export mcap @ --out out.mcap", PATHS),
     ("export mcap run --out @", OUTPUTS),
     ("export mjcf --out @", OUTPUTS),
+    ("export fmu --rig @ --out out.fmu", PATHS),
+    ("export fmu --model @ --out out.fmu", PATHS),
+    ("export fmu --input @ --out out.fmu", TEXTS),
+    ("export fmu --platform @ --out out.fmu", TEXTS),
     ("sweep @ --dry-run", PATHS),
     (
         "sweep --vary @ --outputs energy_J --dry-run",

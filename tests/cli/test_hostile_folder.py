@@ -84,6 +84,7 @@ COMMANDS: tuple[tuple[str, ...], ...] = (
     ("record", "--seconds", "0.1", "--pace", "0", "--out", "listened"),
     ("export", "can", "listened", "--out", "bus.log"),
     ("export", "mjcf", "small-campaign", "--out", "mjcf"),
+    ("export", "fmu", "--out", "leg.fmu"),
     ("import", "small-campaign", "--out", "imported"),
     ("reference", "set", "{run}"),
     ("reference", "show"),

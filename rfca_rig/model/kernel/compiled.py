@@ -240,9 +240,9 @@ def jit_inline(function: Function) -> Function:
 
 def compile_to_llvm(
     function: Callable[..., object], types: tuple[Any, ...], is_law: bool = False
-) -> tuple[str, str]:
-    """Name and LLVM code of `function` for arguments of these types, with all that it calls, for a
-    program without Python.
+) -> tuple[str, bytes]:
+    """Name and LLVM bitcode of `function` for arguments of these types, with all that it calls, for
+    a program without Python.
 
     It must not allocate arrays, as with `jit`. The function of a law gets the options with which
     `laws` compiles it, so that it rounds as here.
@@ -253,7 +253,7 @@ def compile_to_llvm(
     dispatcher = _njit(**options, **WITHOUT_WRAPPERS, pipeline_class=_LINKING_CALLEES)(function)
     dispatcher.compile(types)
     compiled = dispatcher.overloads[types]
-    return compiled.fndesc.llvm_func_name, compiled.library.get_llvm_str()
+    return compiled.fndesc.llvm_func_name, compiled.library._final_module.as_bitcode()
 
 
 def _compile(function: Function, options: dict[str, bool]) -> Function:
