@@ -111,7 +111,7 @@ class MemoryLayout:
     """
 
     memory: LegMemory
-    slots: dict[tuple[str, bytes], Slot]
+    slots: dict[tuple[str, str], Slot]
     numbers: Floats
     integers: NDArray[np.int64]
 

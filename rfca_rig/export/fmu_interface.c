@@ -38,8 +38,8 @@ static const double FIRST_STEP_S = 1e-4;
  * error in speeds [1/s]: those of `chain.Tolerance`. */
 static const double DEFAULT_TOLERANCE_RAD = 1e-5;
 static const double SPEED_TOLERANCE_PER_S = 3e3;
-/* A communication point may be off by this share of the step, since programs add up steps. */
-static const double TIME_TOLERANCE = 1e-6;
+/* A communication point may be off by this share of the step, since programs round their times. */
+static const double TIME_TOLERANCE = 1e-3;
 
 /* The compiled leg. It reads and changes both blocks and nothing else. */
 int64_t leg_settle(double *numbers, int64_t *integers);
