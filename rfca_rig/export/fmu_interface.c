@@ -7,6 +7,7 @@
  * leg.h is written for each leg: its numbers (LEG_NUMBERS), where each of them lies (AT_...), its
  * variables and their value references (VARIABLE_...). Names as in rfca_rig/model/kernel/state.py.
  */
+#include <cpuid.h>
 #include <math.h>
 #include <stdarg.h>
 #include <stdbool.h>
@@ -68,6 +69,25 @@ typedef struct {
     fmi3InstanceEnvironment environment;
     fmi3LogMessageCallback log_message;
 } Instance;
+
+/* Whether processor and system have the instructions for which the leg is compiled (x86-64-v3).
+ * Without them it would end the whole program. */
+static bool has_instructions(void)
+{
+    const unsigned base = bit_FMA | bit_MOVBE | bit_OSXSAVE | bit_AVX | bit_F16C;
+    const unsigned extended = bit_AVX2 | bit_BMI | bit_BMI2;
+    const unsigned saved = 6; /* the system keeps the registers of SSE and AVX */
+    unsigned a, b, c, d;
+
+    if (!__get_cpuid(1, &a, &b, &c, &d) || (c & base) != base) {
+        return false;
+    }
+    if (!__get_cpuid_count(7, 0, &a, &b, &c, &d) || (b & extended) != extended) {
+        return false;
+    }
+    __asm__ volatile("xgetbv" : "=a"(a), "=d"(d) : "c"(0));
+    return (a & saved) == saved;
+}
 
 /* Reports an error to the program, and returns it. */
 static fmi3Status fail(const Instance *instance, const char *format, ...)
@@ -304,6 +324,11 @@ EXPORT fmi3Instance fmi3InstantiateCoSimulation(
     instance->log_message = log_message;
     if (token == NULL || strcmp(token, INSTANTIATION_TOKEN) != 0) {
         fail(instance, "modelDescription.xml and the binary are of two different exports");
+        free(instance);
+        return NULL;
+    }
+    if (!has_instructions()) {
+        fail(instance, "the processor lacks AVX2 or FMA; it must be of the level x86-64-v3");
         free(instance);
         return NULL;
     }

@@ -76,6 +76,9 @@ def lay_out_leg(setup: Setup, shaft_input: ShaftInput) -> MemoryLayout:
     """The block of numbers with the leg before its rest pose is known."""
     chain = setup.chain()
     laws = setup.compile_laws(chain)
+    # Addresses of this process mean nothing in another; the program in C fills in its own.
+    none = np.zeros(laws.place.size, dtype=np.int64)
+    laws = laws._replace(address=none, advance=none)
     start_rad = setup.motion.start_rad
     # One piece of motion at a time, which begins with a landing or has none.
     still = np.array([[start_rad, 0.0, 0.0, 0.0]])
