@@ -120,7 +120,8 @@ def export_fmu(
     RigError
         When the disk refuses, or the compiler fails.
     """
-    platforms = tuple(dict.fromkeys(platforms)) or (_own_platform(),)
+    own = _own_platform()
+    platforms = tuple(dict.fromkeys(platforms)) or (own,)
     # Before the compilation of half a minute.
     commands = [_find_compiler(platform) for platform in platforms]
     if not hasattr(integrate, "py_func"):

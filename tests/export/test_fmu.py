@@ -535,6 +535,14 @@ def test_what_is_missing_is_said_before_anything_is_compiled(tmp_path, monkeypat
     )
 
 
+def test_a_computer_with_another_processor_is_refused(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(fmu.this_platform, "machine", lambda: "arm64")
+    words = ("export", "fmu", "--out", tmp_path / "leg.fmu", "--platform", "x86_64-windows")
+    said = typed(monkeypatch, capsys, *words)
+    assert (said.exit_code, said.err.count("\n")) == (2, 1)
+    assert "this computer is none of x86_64-linux, x86_64-windows" in said.err
+
+
 @needs_compiler
 @pytest.mark.slow
 def test_the_command(tmp_path, monkeypatch, capsys):
