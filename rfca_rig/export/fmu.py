@@ -28,6 +28,7 @@ from rfca_rig.export.fmu_description import (
     TORQUE_INPUT,
     LegInterface,
     LegProgram,
+    OpenParameter,
     list_outputs,
     write_description,
     write_documentation,
@@ -42,8 +43,8 @@ from rfca_rig.export.fmu_leg import (
 )
 from rfca_rig.model.kernel.compiled import CACHE_FOLDER
 from rfca_rig.model.kernel.integrator import integrate
+from rfca_rig.model.kernel.laws import LawUse
 from rfca_rig.model.parameters import PresentEffect, RigModel
-from rfca_rig.model.setup import Setup
 from rfca_rig.recording.atomic import write_atomically
 from rfca_rig.subprocesses import python_command
 
@@ -129,8 +130,10 @@ def export_fmu(
     check_effects(model.rig, height_m, shaft_input)
     setup = set_up_leg(model.rig, height_m)
     layout = lay_out_leg(setup, shaft_input)
-    interface = _describe(model, setup, layout, shaft_input)
     laws = setup.list_laws(setup.chain())
+    # The stated height: an effect may have changed that of the setup.
+    parameters = find_parameters(model.rig, height_m, layout, shaft_input)
+    interface = _describe(model, layout, laws, parameters, shaft_input)
     drive = setup.drive
     program = LegProgram(
         layout,
@@ -188,12 +191,13 @@ def _find_compiler(platform: str) -> list[str]:
 
 
 def _describe(
-    model: LegModel, setup: Setup, layout: MemoryLayout, shaft_input: ShaftInput
+    model: LegModel,
+    layout: MemoryLayout,
+    laws: Sequence[LawUse],
+    parameters: tuple[OpenParameter, ...],
+    shaft_input: ShaftInput,
 ) -> LegInterface:
-    rig = model.rig
-    parameters = find_parameters(rig, setup.height_m, layout, shaft_input)
     content = hashlib.sha256(layout.numbers.tobytes())
-    laws = setup.list_laws(setup.chain())
     names = [(use.law.__module__, use.law.__qualname__, use.place, use.only) for use in laws]
     for part in (names, parameters, shaft_input, rfca_rig.__version__, Path(CACHE_FOLDER).name):
         content.update(repr(part).encode())
@@ -204,7 +208,7 @@ def _describe(
             "SHA-256": hashlib.sha256(model.file.read_bytes()).hexdigest(),
         },
         input=SPEED_INPUT if shaft_input == "speed" else TORQUE_INPUT,
-        outputs=list_outputs(len(rig.leg.link_lengths_m)),
+        outputs=list_outputs(len(model.rig.leg.link_lengths_m)),
         parameters=parameters,
         notes=_write_notes(model, shaft_input),
         token=f"{{{content.hexdigest()[:32]}}}",

@@ -18,7 +18,7 @@ import pytest
 from rfca_rig.errors import BadInput, RigError
 from rfca_rig.export import fmu, fmu_code
 from rfca_rig.export.fmu import LegModel, export_fmu
-from rfca_rig.export.fmu_leg import check_effects, find_parameters, lay_out_leg, set_up_leg
+from rfca_rig.export.fmu_leg import check_effects, set_up_leg
 from rfca_rig.model.catalogue import catalogue
 from rfca_rig.model.chain import (
     HELD_SHAFT,
@@ -411,37 +411,49 @@ def test_fmpy_validates_and_simulates_it(exported, name):
     assert largest_difference(values[1:], expected) < 1e-6
 
 
-def warnings_of(tmp_path, *options):
-    program, interface = program_of(rig_with(FRICTION, HYSTERESIS))
-    (tmp_path / "leg.h").write_text(fmu.write_header(interface, program), encoding="ascii")
+def warnings_of(tmp_path, monkeypatch, *options):
+    header, _ = written(tmp_path, monkeypatch, rig_with(FRICTION, HYSTERESIS))
+    (tmp_path / "leg.h").write_text(header, encoding="ascii")
     source = Path(fmu.__file__).with_name("fmu_interface.c")
     strict = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-fsyntax-only")
     command = ["cc", *strict, f"-I{tmp_path}", *options, str(source)]
     return subprocess.run(command, capture_output=True, text=True, check=False).stderr
 
 
-def program_of(rig):
-    file = Path(__file__)
-    setup = set_up_leg(rig, HEIGHT_M)
-    layout = lay_out_leg(setup, "speed")
-    interface = fmu._describe(LegModel(rig, "leg", "rig file", file), setup, layout, "speed")
-    laws = setup.list_laws(setup.chain())
-    return fmu.LegProgram(layout, laws, False, False, 0.045, 0.2), interface
+def written(tmp_path, monkeypatch, rig):
+    """The files that an export would compile and pack, without compiling: leg.h, and the
+    description of the model.
+    """
+    headers = []
+
+    def store_header(_, header, code):
+        headers.append(header)
+        return code
+
+    with monkeypatch.context() as patched:
+        patched.setattr(fmu, "_find_compiler", lambda _: ["cc"])
+        patched.setattr(fmu, "compile_leg", lambda *_: [b""])
+        patched.setattr(fmu, "_build_binary", store_header)
+        (tmp_path / "rig.toml").write_text("a rig", encoding="utf-8")
+        leg = LegModel(rig, "leg", "rig file", tmp_path / "rig.toml")
+        export_fmu(leg, tmp_path / "leg.fmu", HEIGHT_M, "speed", [PLATFORM])
+    with zipfile.ZipFile(tmp_path / "leg.fmu") as archive:
+        return headers[0], archive.read("modelDescription.xml").decode()
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler cc")
-def test_the_program_in_c_compiles_without_warnings(tmp_path):
-    assert warnings_of(tmp_path) == ""
+def test_the_program_in_c_compiles_without_warnings(tmp_path, monkeypatch):
+    assert warnings_of(tmp_path, monkeypatch) == ""
 
 
 @needs_fmpy
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler cc")
-def test_its_functions_are_those_of_the_standard(tmp_path):
+def test_its_functions_are_those_of_the_standard(tmp_path, monkeypatch):
     import fmpy
 
     headers = Path(fmpy.__file__).parent / "c-code"
     own = ("-DFMI3_HEADER=<fmi3Functions.h>", f"-isystem{headers}")
-    assert warnings_of(tmp_path, *own) == ""
+    assert warnings_of(tmp_path, monkeypatch, *own) == ""
     text = (headers / "fmi3Functions.h").read_text(encoding="utf-8")
     wanted = set(re.findall(r"FMI3_Export fmi3\w+TYPE +(fmi3\w+);", text))
     source = Path(fmu.__file__).with_name("fmu_interface.c")
@@ -478,20 +490,19 @@ def test_a_leg_that_swings_is_refused():
         check_effects(replace(PAPER, swing=Swing(0.1, 0.5, 0.0)), HEIGHT_M, "speed")
 
 
-def open_names(rig):
-    layout = lay_out_leg(set_up_leg(rig, HEIGHT_M), "speed")
-    parameters = find_parameters(rig, HEIGHT_M, layout, "speed")
-    return {parameter.variable.name for parameter in parameters}
+def test_a_value_from_which_an_effect_computes_something_else_is_not_open(tmp_path, monkeypatch):
+    def open_names(*effects):
+        _, description = written(tmp_path, monkeypatch, rig_with(*effects))
+        parameter = r'<Float64 name="(\w+)" valueReference="1\d+" causality="parameter"'
+        assert re.search(f'name="height_m" .*start="{HEIGHT_M}"', description)
+        return set(re.findall(parameter, description))
 
-
-def test_a_value_from_which_an_effect_computes_something_else_is_not_open():
-    plain = open_names(PAPER)
-    assert {"height_m", "contact_stiffness_N_per_m1p5"} < plain
+    plain = open_names()
+    assert len(plain) == 8
     soft = effect("ground_compliance", stiffness_N_per_m1p5=2e5)
-    assert plain - open_names(rig_with(soft)) == {"contact_stiffness_N_per_m1p5"}
+    assert plain - open_names(soft) == {"contact_stiffness_N_per_m1p5"}
     # A straight line with another slope or an intercept stays open.
-    offset = effect("height_offset", offset_mm=3.0)
-    assert open_names(rig_with(offset)) == plain
+    assert open_names(effect("height_offset", offset_mm=3.0)) == plain
 
 
 def test_code_that_needs_python_is_refused():
