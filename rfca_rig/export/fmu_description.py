@@ -330,7 +330,7 @@ def write_header(interface: LegInterface, program: LegProgram) -> str:
         "INTEGERS": max(layout.integers.size, 1),
         "LINKS": links,
         "COORDINATES": layout.slot("state", "q").size,
-        "LAWS": len(program.laws),
+        "MEMORY": layout.slot("state", "memory").size,
         "ENDS": layout.slot("work", "ends").size,
         "PARAMETERS": len(interface.parameters),
         "USES": sum(len(parameter.uses) for parameter in interface.parameters),

@@ -166,7 +166,7 @@ static fmi3Status settle(Instance *instance)
         numbers[AT_A + i] = 0.0;
     }
     memset(numbers + AT_ANCHOR, 0, LINKS * sizeof(double));
-    memset(numbers + AT_MEMORY, 0, LAWS * LINKS * 4 * sizeof(double));
+    memset(numbers + AT_MEMORY, 0, MEMORY * sizeof(double));
     numbers[AT_SHAFT_ANGLE] = start_rad;
     numbers[AT_SHAFT_FEED] = 0.0;
 
