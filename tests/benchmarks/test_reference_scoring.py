@@ -5,6 +5,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from tests.benchmarks import reference_any
 from tests.benchmarks.changes import MarkedPair, is_first
 from tests.benchmarks.reference_arm import ARM
 from tests.benchmarks.reference_hopper import FRICTION, HOPPER, KINDS, MASS, SCALE, SOLE, record
@@ -127,3 +128,36 @@ def test_repeats_have_noise_friction_and_force_of_their_own():
     assert first.noise != repeat.noise
     assert 0.0 < abs(first.friction - repeat.friction) < 6.0 * FRICTION_STD
     assert 0.0 < abs(first.force - repeat.force) < 6.0 * FORCE_STD
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "effects", "family", "expected"),
+    [
+        ("listed", "tip_mass", ("tip_mass",), None, "right"),
+        ("listed", "tip_mass", (), "leg_mass", "family"),
+        ("listed", "ground_compliance", ("contact_stiffness_change",), None, "family"),
+        ("listed", "tip_mass", ("tip_mass", "sensor_gain"), None, "wrong"),
+        ("listed", "tip_mass", (), None, "silent"),
+        # Of a fault outside the catalogue only its family can be right.
+        ("unlisted", "tendon", ("k0_change",), None, "family"),
+        ("unlisted", "tendon", (), "hinge_stiffness", "family"),
+        ("unlisted", "tendon", ("sensor_gain",), None, "wrong"),
+        ("unlisted", "hose_at_the_shaft", (), "hinge_stiffness", "wrong"),
+    ],
+)
+def test_a_change_of_any_kind_is_marked_by_what_it_is(kind, name, effects, family, expected):
+    said = {**answered(effects, family), "kind": kind, "name": name}
+    assert reference_any.mark(said) == expected
+
+
+def test_every_second_change_is_outside_the_catalogue_and_the_rest_stays():
+    for number, kind in enumerate((reference_any.LISTED, reference_any.UNLISTED) * 3):
+        drawn, name, strength, before, after = reference_any.draw(SEED, number)
+        assert drawn == kind
+        assert reference_any.LEAST_STRENGTH <= strength <= 1.0
+        changed = after.strangers if kind == reference_any.UNLISTED else after.effects
+        assert name in changed
+        assert name not in before.strangers
+        assert replace(after, seed=0, effects={}, strangers={}, law=None) == replace(
+            before, seed=0, effects={}, strangers={}, law=None
+        )
