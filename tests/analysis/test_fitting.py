@@ -107,7 +107,8 @@ class Toy:
 
 def with_encoder_off(stroke, off_rad: float):
     stream = stroke.streams["table"]
-    column = replace(stream.columns["shaft_angle_rad"], offset=off_rad)
+    angle = stream.columns["shaft_angle_rad"]
+    column = replace(angle, data=angle.data + off_rad)
     return replace(
         stroke,
         streams={"table": replace(stream, columns={**stream.columns, "shaft_angle_rad": column})},
