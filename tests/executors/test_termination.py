@@ -20,6 +20,15 @@ def handlers() -> list[object]:
     return [signal.getsignal(number) for number in SIGNALS]
 
 
+@pytest.fixture(autouse=True)
+def _default_handlers():
+    """Whoever started the tests may ignore some signals, as nohup does."""
+    before = [signal.signal(number, signal.SIG_DFL) for number in SIGNALS]
+    yield
+    for number, handler in zip(SIGNALS, before, strict=True):
+        signal.signal(number, handler)
+
+
 @pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
 def test_a_signal_interrupts_and_a_second_one_leaves_the_cleaning_up_alone(number):
     before = handlers()
