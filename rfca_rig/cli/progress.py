@@ -132,13 +132,16 @@ def _log_at_intervals(bars: Progress, console: Console, mark: str = "") -> Itera
         args=(log.describe, lambda line: _print(console, mark, line), ended.wait),
         daemon=True,
     )
-    printing.start()
+    # Where the system allows no further thread, the work matters more than lines about it.
+    with suppress(RuntimeError):
+        printing.start()
     try:
         yield
     finally:
         ended.set()
-        # A reader of the log that takes nothing must not keep the command from ending.
-        printing.join(ENDED_WITHIN_S)
+        if printing.ident:
+            # A reader of the log that takes nothing must not keep the command from ending.
+            printing.join(ENDED_WITHIN_S)
 
 
 def print_at_intervals(

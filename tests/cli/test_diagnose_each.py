@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from rfca_rig.diagnosis.leg.findings import LegFindings
 from rfca_rig.diagnosis.leg.problem import LegProblem, LegSolution
 from rfca_rig.diagnosis.problem import AnswerPart
 from tests.cli.typed import typed
@@ -83,7 +84,9 @@ def test_the_measured_law_of_an_earlier_diagnosis_does_not_stay(monkeypatch, cap
         LegProblem,
         "solve",
         lambda problem, *_: SolvedByHand(
-            prepared=None, findings=None, recording=problem.recordings_of_leg[0]
+            prepared=None,
+            findings=LegFindings(forces=None),
+            recording=problem.recordings_of_leg[0],
         ),
     )
     (tmp_path / "measured-law.toml").write_text("of an earlier diagnosis")

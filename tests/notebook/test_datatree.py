@@ -105,6 +105,8 @@ def test_replicated_rows_scatter_as_the_covariance_says(drawn):
     np.testing.assert_array_less(np.abs(residuals - expected), 6.0 * error)
 
 
+# Of conditions that alone decide a value, which ArviZ weighs by importance sampling.
+@pytest.mark.filterwarnings("ignore:Estimated shape parameter")
 def test_arviz_weighs_conditions_as_the_exact_formula_does(found):
     arviz_stats = pytest.importorskip("arviz_stats")
     pytest.importorskip("arviz_base")
@@ -120,6 +122,8 @@ def test_arviz_weighs_conditions_as_the_exact_formula_does(found):
     assert loo.elpd == pytest.approx(exact.sum(), abs=0.02 * abs(exact.sum()) + 1.0)
 
 
+@pytest.mark.filterwarnings("ignore:Estimated shape parameter")
+@pytest.mark.filterwarnings("ignore:The inplace keyword in DataFrame")
 def test_arviz_compares_the_rivals_of_the_table(found):
     arviz_stats = pytest.importorskip("arviz_stats")
     tree = found.to_datatree(draws=250, least_probability=0.0)
