@@ -166,7 +166,8 @@ def _draw_held_out(
     replicated = whitening.draw(draws, random)
     count = int(condition.max()) + 1
     posteriors = loo_posteriors(linear, whitening, condition, range(count))
-    for number, (mean, covariance) in enumerate(posteriors):
+    for number, (mean, precision) in enumerate(posteriors):
+        covariance = np.linalg.inv(precision)
         x = random.multivariate_normal(mean, covariance, draws, method="cholesky")
         of_condition = condition == number
         replicated[:, of_condition] += x @ linear.jacobian[of_condition].T

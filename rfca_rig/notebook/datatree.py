@@ -40,10 +40,12 @@ def make_datatree(
     described
         Attributes of the root.
     """
-    groups = _list_groups(rows, rivals[0])
-    for rival in rivals:
+    groups = {}
+    for number, rival in enumerate(rivals):
         for name, dataset in _list_groups(rows, rival).items():
             groups[f"{RIVALS}/{name_rival(rival)}/{name}"] = dataset
+            if number == 0:
+                groups[name] = dataset
     tree: xarray.DataTree = require("xarray").DataTree.from_dict(groups)
     tree.attrs.update(described)
     for rival in rivals:

@@ -274,7 +274,7 @@ def loo_posteriors(
     condition: NDArray[np.intp],
     left_out: Iterable[int],
 ) -> Iterator[tuple[Floats, Floats]]:
-    """Posterior mean (p,) and covariance (p, p) of the unknowns from all rows but those of one
+    """Posterior mean (p,) and precision (p, p) of the unknowns from all rows but those of one
     condition, for each of `left_out`.
     """
     # Jacobian and target side by side: one product with C^-1 gives both sides of the normal
@@ -287,7 +287,7 @@ def loo_posteriors(
         # The identity is the prior: every unknown is standard normal.
         precision = products[:unknowns, :unknowns] + np.eye(unknowns)
         mean = np.linalg.solve(precision, products[:unknowns, unknowns])
-        yield np.asarray(mean), np.asarray(np.linalg.inv(precision), dtype=np.float64)
+        yield np.asarray(mean), np.asarray(precision)
 
 
 def jackknife_std(
