@@ -26,6 +26,7 @@ from rfca_rig.diagnosis.likelihood.marginal_likelihood import (
 )
 from rfca_rig.diagnosis.problem import DecidedSearch
 from rfca_rig.diagnosis.result import NamedEffect, Rival
+from rfca_rig.errors import BadInput
 
 Floats = NDArray[np.float64]
 
@@ -75,8 +76,18 @@ def draw_rivals(
         Number of draws d.
     random
         The generator of all draws.
+
+    Raises
+    ------
+    BadInput
+        Where the recordings were too few for a comparison.
     """
     decision = finding.decision
+    if not decision.rivals:
+        raise BadInput(
+            "the recordings were too few to compare sets of effects, so there is nothing to draw "
+            "from; record more conditions"
+        )
     stated = set(decision.explanation.ids)
     explanation = next(rival for rival in decision.rivals if set(rival.ids) == stated)
     drawn = _draw(finding.search, explanation, draws, random)

@@ -1,5 +1,6 @@
 """Draws of a diagnosis: the same numbers as the answer states, and what ArviZ makes of them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.stats import multivariate_normal
 import rfca_rig as rr
 from rfca_rig.diagnosis.likelihood.marginal_likelihood import loo_log_densities, loo_residuals
 from rfca_rig.diagnosis.posterior_draws import draw_rivals
+from rfca_rig.diagnosis.result_builder import not_enough_data
 from rfca_rig.errors import BadInput
 from rfca_rig.notebook.analyses import DiagnosisResult
 
@@ -163,3 +165,11 @@ def test_the_seed_decides_the_draws(found):
 def test_a_search_that_was_not_made_is_named(found):
     with pytest.raises(BadInput, match="there are motion"):
         found.to_datatree("forces")
+
+
+def test_too_few_recordings_for_a_comparison_are_named(found):
+    (finding,) = found.searches.values()
+    open_answer = not_enough_data(finding.search, "1 usable condition, 2 are needed")
+    searches = {"motion": replace(finding, decision=open_answer)}
+    with pytest.raises(BadInput, match="too few to compare"):
+        replace(found, searches=searches).to_datatree()
