@@ -15,8 +15,9 @@ import json
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field, fields, is_dataclass
+from functools import partial
 from pathlib import Path
 from textwrap import shorten
 from typing import Any
@@ -111,11 +112,11 @@ def open_bag(path: Path) -> Iterator[Bag]:
     BadInput
         Where it cannot be read, or holds no topics.
     """
-    open_reader = _open_rosbag
+    open_reader: Callable[[Path], AbstractContextManager[Bag]] = _open_rosbag
     if path.suffix.lower() == ".mcap":
         open_reader = _open_mcap
     elif _is_ros_1(path):
-        open_reader = _open_ros_1_bag
+        open_reader = partial(_open_rosbag, reader_type=Ros1Reader)
     with open_reader(path) as bag:
         if not bag.types:
             raise BadInput(f"{path}: holds no messages")
@@ -261,9 +262,9 @@ def _mcap_channels(reader: McapReader) -> list[tuple[Schema | None, Channel]]:
 
 
 @contextmanager
-def _open_rosbag(path: Path) -> Iterator[Bag]:
+def _open_rosbag(path: Path, reader_type: type[Reader | Ros1Reader] = Reader) -> Iterator[Bag]:
     with _refuse_damage(path):
-        reader = Reader(path)
+        reader = reader_type(path)
         reader.open()
     try:
         topics = _Topics()
@@ -271,7 +272,7 @@ def _open_rosbag(path: Path) -> Iterator[Bag]:
             if isinstance(connection.ext, ConnectionExtRosbag2):
                 serialization = connection.ext.serialization_format
             else:
-                serialization = ""
+                serialization = ROS_1
             topics.add(
                 connection.id,
                 connection.topic,
@@ -285,31 +286,8 @@ def _open_rosbag(path: Path) -> Iterator[Bag]:
                 connection for connection in reader.connections if connection.topic in wanted
             ]
             for connection, ns, data in reader.messages(connections):
-                _refuse_compressed(path, data)
-                yield connection.topic, ns, topics.decoders[connection.id](data)
-
-        yield Bag(path, topics.types, topics.unreadable, read_messages)
-    finally:
-        reader.close()
-
-
-@contextmanager
-def _open_ros_1_bag(path: Path) -> Iterator[Bag]:
-    with _refuse_damage(path):
-        reader = Ros1Reader(path)
-        reader.open()
-    try:
-        topics = _Topics()
-        for connection in reader.connections:
-            topics.add(
-                connection.id, connection.topic, connection.msgtype, ROS_1, connection.msgdef
-            )
-
-        def read_messages(wanted: Collection[str]) -> Iterator[LoggedMessage]:
-            connections = [
-                connection for connection in reader.connections if connection.topic in wanted
-            ]
-            for connection, ns, data in reader.messages(connections):
+                if isinstance(connection.ext, ConnectionExtRosbag2):
+                    _refuse_compressed(path, data)
                 yield connection.topic, ns, topics.decoders[connection.id](data)
 
         yield Bag(path, topics.types, topics.unreadable, read_messages)
