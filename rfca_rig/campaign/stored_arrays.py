@@ -268,7 +268,7 @@ def list_array_columns(path: Path, array_format: ArrayFormat) -> ColumnList:
                 notes.append(f"{array.name}: the file states the unit {array.unit}")
     times = find_rising(values)
     if len(episodes) > 1:
-        # The time of each episode begins anew.
+        # The time of each episode starts at zero.
         of_first = {
             name: column[is_first]
             for name, column in values.items()
