@@ -27,7 +27,7 @@ from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.reports.strokes.page import write_report
 from tests.engine.rigs import nothing, one_condition, recorder_on, twin_rig
 from tests.model.legs import PAPER
-from tests.model.lsoda import ICE, fz_by_lsoda
+from tests.model.scipy_stroke import ICE, solve_stroke
 
 SMALL = Path(__file__).parents[1] / "data" / "small-campaign"
 HISTORY = Path(__file__).with_name("history.csv")
@@ -151,7 +151,7 @@ def measure(rounds: int) -> dict[str, float]:
         )
     run_s, run_ratio = compare_s(run_on_twin, strokes, rounds)
     ice_s, ice_ratio = compare_s(
-        lambda: strokes(ICE), lambda: fz_by_lsoda(ICE, 0.215, 2.433, T, 1e-5), 3 * rounds
+        lambda: strokes(ICE), lambda: solve_stroke(ICE, 0.215, 2.433, T, 1e-5), 3 * rounds
     )
     stroke_s = median_s(strokes, 5 * rounds) / STROKES
     rig_s = run_on_twin()

@@ -34,7 +34,7 @@ from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.protocol.experiments import PlannedCondition
 from tests.model.legs import PAPER
-from tests.model.lsoda import ICE, fz_by_lsoda
+from tests.model.scipy_stroke import ICE, solve_stroke
 
 CONDITIONS = (
     PlannedCondition(0.215, 2.433),
@@ -197,7 +197,7 @@ def beside_lsoda(rounds: int) -> None:
     for one in CONDITIONS:
         t_s = times_s(one)[1:]
         t_s = t_s[t_s != ICE.drive.ramp_s]  # where the ramp ends, the force has two values
-        other = fz_by_lsoda(ICE, one.height_m, one.speed_rad_s, t_s, 1e-9)
+        other = solve_stroke(ICE, one.height_m, one.speed_rad_s, t_s, 1e-9).fz_N
         plain, tight = (
             simulate_stroke_at_speed(ICE, one.height_m, one.speed_rad_s, t_s, tolerance).fz_N
             for tolerance in (None, TIGHT_TOLERANCE)
@@ -211,7 +211,7 @@ def beside_lsoda(rounds: int) -> None:
     mine, slow = taking_turns_s(
         [
             lambda: simulate_stroke_at_speed(ICE, one.height_m, one.speed_rad_s, times_s(one)[1:]),
-            lambda: fz_by_lsoda(ICE, one.height_m, one.speed_rad_s, times_s(one)[1:], 1e-5),
+            lambda: solve_stroke(ICE, one.height_m, one.speed_rad_s, times_s(one)[1:], 1e-5),
         ],
         rounds,
     )

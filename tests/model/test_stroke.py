@@ -23,7 +23,7 @@ from rfca_rig.model.stroke import (
     simulate_variations,
 )
 from tests.model.legs import PAPER
-from tests.model.lsoda import ICE, fz_by_lsoda
+from tests.model.scipy_stroke import ICE, solve_stroke
 
 T = np.arange(-100, 1250) * 1e-3
 
@@ -288,7 +288,7 @@ def test_wide_parameters_neither_fail_nor_depend_on_the_tolerance(case):
 
 def test_another_integrator_gives_the_same_stroke_on_ice():
     t = np.arange(1, 700) * 1e-3
-    other = fz_by_lsoda(ICE, 0.215, 3.0, t, 1e-8)
+    other = solve_stroke(ICE, 0.215, 3.0, t, 1e-8).fz_N
     ours = simulate_stroke_at_speed(ICE, 0.215, 3.0, t).fz_N
     touching = t > 0.3
     assert np.sqrt(np.mean((ours - other)[touching] ** 2)) < 2e-3 * np.ptp(other)

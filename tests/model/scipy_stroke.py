@@ -1,10 +1,10 @@
-"""The same equations of motion in the hands of scipy's LSODA: slow, but somebody else's integrator.
+"""The same equations of motion in the hands of SciPy: slow, but somebody else's integrators.
 
 Friction with memory is no ordinary differential equation, so the floor is without it here; its
 normal forces stay.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -19,12 +19,24 @@ from tests.model.legs import PAPER
 ICE = replace(PAPER, ground=replace(PAPER.ground, friction_coefficient=0.0, drag_N_s_per_m=0.0))
 
 
-def fz_by_lsoda(
-    rig: RigModel, height_m: float, speed_rad_s: float, t_s: np.ndarray, rtol: float
-) -> np.ndarray:
-    """fz (m,) at `t_s` > 0 of a stroke without friction; the shaft as in
-    `simulate_stroke_at_speed`.
-    """
+@dataclass(frozen=True)
+class ScipyStroke:
+    """fz and the sum of the contact forces (m,), and how often the equations were evaluated."""
+
+    fz_N: np.ndarray
+    normal_N: np.ndarray
+    evaluations: int
+
+
+def solve_stroke(
+    rig: RigModel,
+    height_m: float,
+    speed_rad_s: float,
+    t_s: np.ndarray,
+    rtol: float,
+    method: str = "LSODA",
+) -> ScipyStroke:
+    """A stroke without friction at `t_s` (m,) > 0; the shaft as in `simulate_stroke_at_speed`."""
     chain = make_chain(rig, height_m)
     n = chain.length.size
     ramp_s = rig.drive.ramp_s
@@ -50,17 +62,21 @@ def fz_by_lsoda(
         return np.concatenate([w[1:], a[1:]])
 
     fz = []
+    normal = []
+    evaluations = 0
     x = np.concatenate([rest.q[1:], np.zeros(n - 1)])
     t0 = 0.0
     for part in (
         t_s[t_s <= ramp_s],
         t_s[t_s > ramp_s],
     ):  # the shaft's acceleration jumps in between
-        solution = solve_ivp(rhs, (t0, part[-1]), x, "LSODA", part, rtol=rtol, atol=1e-3 * rtol)
+        solution = solve_ivp(rhs, (t0, part[-1]), x, method, part, rtol=rtol, atol=1e-3 * rtol)
         for t, y in zip(part, solution.y.T, strict=True):
             q, w, a = full(t, y)
             sunk = chain.first_moment @ (np.cos(q) * a - np.sin(q) * w**2)
-            fz.append(chain.total_mass * chain.gravity - sunk - work.contact[0].sum())
+            normal.append(work.contact[0].sum())
+            fz.append(chain.total_mass * chain.gravity - sunk - normal[-1])
+        evaluations += solution.nfev
         x = solution.y[:, -1]
         t0 = part[-1]
-    return np.array(fz)
+    return ScipyStroke(np.array(fz), np.array(normal), evaluations)
