@@ -24,13 +24,15 @@ from rfca_rig.diagnosis.decision.decide import (
     Supported,
     _best_family,
     _families_of_best,
+    _find_family_alike,
+    _name_families,
     _other_families,
     decide_from,
     support_of_best,
 )
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes, widen
 from rfca_rig.diagnosis.likelihood.covariance import discrepancy_covariance
-from rfca_rig.diagnosis.result import Value
+from rfca_rig.diagnosis.result import StatedFamily, Value
 from rfca_rig.diagnosis.result_builder import describe
 from rfca_rig.model.catalogue import catalogue, members_of
 from rfca_rig.model.effect import EqualLimit, Parameter
@@ -654,6 +656,92 @@ def test_effects_that_explain_the_data_as_well_form_a_class(gained):
     assert effect.cannot_tell_from == ("sensor_crosstalk",)
 
 
+@pytest.mark.parametrize(
+    ("alike", "told_apart", "probability", "family"),
+    [
+        (("spring_hysteresis", "spring_relaxation"), (), 0.95, "spring_memory"),
+        (("spring_hysteresis", "hinge_viscous_damping"), (), 0.95, "hinge_dissipation"),
+        (("spring_hysteresis",), (), 0.95, None),
+        (("spring_hysteresis", "spring_relaxation"), ("clock_offset",), 0.95, "spring_memory"),
+        (("spring_hysteresis", "hinge_viscous_damping"), ("spring_relaxation",), 0.95, None),
+        (("spring_hysteresis", "clock_offset"), (), 0.95, None),
+        (("spring_hysteresis", "spring_relaxation"), (), 0.85, None),
+    ],
+    ids=[
+        "the smallest family that has all",
+        "only a larger one has all",
+        "two laws are named",
+        "another kind of law is told apart",
+        "a member is told apart",
+        "no family has all",
+        "the family is not sure",
+    ],
+)
+def test_an_effect_that_is_told_from_no_law_of_its_family_is_called_by_the_familys_name(
+    alike, told_apart, probability, family
+):
+    comparison = SimpleNamespace(
+        best=SimpleNamespace(ids=("hinge_coulomb_friction",)),
+        result=SimpleNamespace(probes=tried("hinge_dissipation")),
+        laws_of=set,
+        tells_from=lambda _: frozenset(told_apart),
+    )
+    supported = [
+        Supported("family", name, probability, ALONE)
+        for name in ("hinge_dissipation", "spring_memory")
+    ]
+    effect = SimpleNamespace(id="hinge_coulomb_friction", cannot_tell_from=alike)
+    found = _find_family_alike(comparison, supported, effect)
+    assert (found and found.id) == family
+
+
+def test_a_family_stands_in_place_of_an_effect_and_beside_others(gained, monkeypatch):
+    family = StatedFamily("sensor_scale", "the scale", "sensor", 0.93, ("sensor_gain",))
+    monkeypatch.setattr(decide, "_find_family_alike", lambda *_: family)
+    alone = graded(gained, 0.95, 0.95)
+    assert (alone.grade, alone.effects, alone.family) == ("family", (), family)
+    assert alone.probability == 0.93
+    assert "no other law of its family" in alone.not_stated["sensor_gain"]
+    effect = graded_without_families(gained, monkeypatch).effects[0]
+    lag = replace(effect, id="sensor_lag")
+    both = replace(alone, grade="identified", effects=(effect, lag), family=None, probability=0.95)
+    monkeypatch.setattr(
+        decide, "_find_family_alike", lambda *words: family if words[-1] is effect else None
+    )
+    beside = _name_families(gained, (), both)
+    assert (beside.grade, beside.effects, beside.probability) == ("identified", (lag,), 0.95)
+    assert beside.other_families[0] is family
+    # A family to which another stated effect belongs would say what that effect says.
+    member = replace(effect, id="sensor_crosstalk")
+    wide = replace(family, members=("sensor_gain", "sensor_crosstalk"))
+    monkeypatch.setattr(
+        decide, "_find_family_alike", lambda *words: wide if words[-1] is effect else None
+    )
+    in_it = replace(both, effects=(effect, member))
+    assert _name_families(gained, (), in_it) is in_it
+
+
+def graded_without_families(gained, monkeypatch):
+    """The decision with its effects, whatever looks alike."""
+    monkeypatch.setattr(decide, "_find_family_alike", lambda *_: None)
+    return graded(gained, 0.95, 0.95)
+
+
+def test_effects_in_place_of_another_are_as_good_or_told_apart(gained):
+    crosstalk = next(one for one in gained.ranked if one.ids == ("sensor_crosstalk",))
+    others = [one for one in gained.ranked if one is not crosstalk]
+    near = replace(crosstalk, log_joint=gained.best.log_joint - AS_GOOD_LOG_ODDS + 1.0)
+    far = replace(
+        crosstalk,
+        log_joint=gained.best.log_joint - AS_GOOD_LOG_ODDS - 1.0,
+        log_evidence=gained.best.log_evidence - AS_GOOD_LOG_ODDS - 1.0,
+    )
+    told_near = Comparison(gained.result, (*others, near)).tells_from("sensor_gain")
+    told_far = Comparison(gained.result, (*others, far)).tells_from("sensor_gain")
+    assert "sensor_crosstalk" not in told_near
+    assert "sensor_crosstalk" in told_far
+
+
 def test_effects_that_only_a_model_better_than_usual_tells_apart_form_a_class(gained):
     """Crosstalk as good as the gain at the usual model error, and far behind at smaller ones."""
     crosstalk = next(one for one in gained.ranked if one.ids == ("sensor_crosstalk",))
@@ -692,7 +780,7 @@ def test_laws_of_a_family_that_only_replace_implausible_values_are_not_told_apar
     best = SimpleNamespace(ids=ids)
     shares = {id(best): share}
     comparison = SimpleNamespace(
-        best=best, ranked=(), explained_share=lambda one: shares[id(one)], _laws_of=set
+        best=best, ranked=(), explained_share=lambda one: shares[id(one)], laws_of=set
     )
     assert Comparison.find_unsure_laws(comparison) == unsure
 

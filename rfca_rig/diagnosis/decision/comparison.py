@@ -278,6 +278,19 @@ class Comparison:
         """Effects that could take the place of one effect of the best explanation as well, with
         the other effects unchanged.
         """
+        return tuple(sorted(self._list_swapped(name, is_as_good=True)))
+
+    def tells_from(self, name: str) -> frozenset[str]:
+        """Effects that were fitted in the place of one effect of the best explanation, with the
+        other effects unchanged, and are not as good in any set.
+        """
+        as_good = self._list_swapped(name, is_as_good=True)
+        return frozenset(self._list_swapped(name, is_as_good=False) - as_good)
+
+    def _list_swapped(self, name: str, is_as_good: bool) -> set[str]:
+        """Effects that stand in the place of one effect of the best explanation in fitted sets
+        that are as good, or are not.
+        """
         kept = set(self.best.ids) - {name}
         swapped = [
             rival
@@ -286,16 +299,12 @@ class Comparison:
             and kept < set(rival.ids)
             and name not in rival.ids
         ]
-        return tuple(
-            sorted(
-                {
-                    other
-                    for rival in swapped
-                    if self._is_as_good(rival)
-                    for other in set(rival.ids) - kept
-                }
-            )
-        )
+        return {
+            other
+            for rival in swapped
+            if self._is_as_good(rival) is is_as_good
+            for other in set(rival.ids) - kept
+        }
 
     def variants_of(self, name: str) -> tuple[str, ...]:
         """Effects with the same law that are not in the best explanation: more general ones, and
@@ -451,7 +460,7 @@ class Comparison:
             # They are stated for the implausible values that they replace, if at all, and several
             # laws of a family replace these in equal measure.
             return frozenset(group)
-        laws_of_group = self._laws_of(group)
+        laws_of_group = self.laws_of(group)
         for simpler in self.ranked:
             instead = set(simpler.ids) - (best - group)
             is_simpler = (
@@ -460,7 +469,7 @@ class Comparison:
                 and instead <= list_related(group)
             )
             # A subset, or a variant of one, only says that the other laws are not needed.
-            is_other = is_simpler and not self._laws_of(instead) <= laws_of_group
+            is_other = is_simpler and not self.laws_of(instead) <= laws_of_group
             explains = is_other and (
                 self.law_error(simpler) <= LAW_ERROR or _loses_little(simpler, self.best)
             )
@@ -468,7 +477,7 @@ class Comparison:
                 return frozenset(group)
         return frozenset()
 
-    def _laws_of(self, ids: Collection[str]) -> set[str]:
+    def laws_of(self, ids: Collection[str]) -> set[str]:
         """The most general effects of which these are variants."""
         return {self._effects[name].variant_of or name for name in ids}
 

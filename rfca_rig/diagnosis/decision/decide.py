@@ -79,7 +79,10 @@ NOT_AS_A_WHOLE = (
     "worse"
 )
 NOT_BETTER = "left-out conditions are not predicted better with it"
+AS_ITS_FAMILY = "the data tell it from no other law of its family, which is stated in its place"
 PROBABLE = "probability"
+# Laws that look alike and are called by the name of their family; fewer are named.
+FEWEST_ALIKE = 3
 
 
 @dataclass(frozen=True)
@@ -338,7 +341,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             for effect_id in explanation.ids
         )
         known = sure.union(*(effect.cannot_tell_from for effect in effects))
-        return replace(
+        stated = replace(
             decision,
             grade="identified" if is_exact else "mostly",
             explanation=hypothesis,
@@ -351,6 +354,7 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
             explained_share=comparison.explained_share(explanation),
             relieved_strain=_describe_relief(comparison, explanation),
         )
+        return _name_families(comparison, supported, stated)
     if family is not None and is_family and not comparison.predicts_worse(comparison.best):
         return replace(
             decision,
@@ -365,6 +369,73 @@ def decide_from(comparison: Comparison, supported: Sequence[Supported]) -> Decis
     if is_usual and is_denied:
         return replace(decision, grade="nothing missing", probability=nothing)
     return replace(decision, probability=1.0 - nothing, alternatives=list_alternatives(rivals))
+
+
+def _name_families(
+    comparison: Comparison, supported: Sequence[Supported], decision: Decision
+) -> Decision:
+    """The decision with families in place of those effects that the data tell from no other law of
+    their family.
+    """
+    families: dict[str, StatedFamily] = {}
+    for effect in decision.effects:
+        family = _find_family_alike(comparison, supported, effect)
+        beside = {other.id for other in decision.effects} - {effect.id}
+        if family is not None and beside.isdisjoint(family.members):
+            families[effect.id] = family
+    if not families:
+        return decision
+    named = tuple(effect for effect in decision.effects if effect.id not in families)
+    not_stated = {**decision.not_stated, **dict.fromkeys(families, AS_ITS_FAMILY)}
+    other_families = tuple(dict.fromkeys((*families.values(), *decision.other_families)))
+    if named:
+        return replace(
+            decision,
+            effects=named,
+            family=_best_family(comparison, supported, [effect.id for effect in named])
+            if decision.family
+            else None,
+            other_families=other_families,
+            probability=min(effect.probability for effect in named),
+            not_stated=not_stated,
+        )
+    return replace(
+        decision,
+        grade="family",
+        effects=(),
+        family=other_families[0],
+        other_families=other_families[1:],
+        probability=other_families[0].probability,
+        not_stated=not_stated,
+    )
+
+
+def _find_family_alike(
+    comparison: Comparison, supported: Sequence[Supported], effect: NamedEffect
+) -> StatedFamily | None:
+    """The smallest family of which the data tell an effect from no other law that was tried in its
+    place, if it is sure.
+
+    Two laws that look alike are both named; FEWEST_ALIKE are called by the name of their family.
+    """
+    tried = _list_tried(comparison)
+    alike = {effect.id, *effect.cannot_tell_from}
+    laws_alike = comparison.laws_of(alike & tried)
+    if len(laws_alike) < FEWEST_ALIKE:
+        return None
+    # A variant that is told apart, as a law in one joint alone, says nothing against the law.
+    told_apart = comparison.laws_of(comparison.tells_from(effect.id)) - laws_alike
+    probabilities = {support.id: support.probability for support in supported}
+    for family in sorted(_families_of_best(comparison).values(), key=_count_members):
+        members = members_of(family.id)
+        is_whole = alike <= members and told_apart.isdisjoint(members)
+        if is_whole and probabilities[family.id] >= IDENTIFIED_PROBABILITY:
+            return _state_family(comparison, family, probabilities[family.id])
+    return None
+
+
+def _count_members(family: Family) -> int:
+    return len(members_of(family.id))
 
 
 def _object_to(effect: Supported, needed: float, is_unsure: bool, is_denied: bool) -> str:
@@ -604,14 +675,13 @@ def _best_family(
         families,
         key=lambda support: (support.probability, len(members_of(support.id)), support.id),
     )
-    family = known[best.id]
-    return StatedFamily(
-        family.id,
-        family.words,
-        family.place,
-        best.probability,
-        tuple(sorted(members_of(family.id) & _list_tried(comparison))),
-    )
+    return _state_family(comparison, known[best.id], best.probability)
+
+
+def _state_family(comparison: Comparison, family: Family, probability: float) -> StatedFamily:
+    """The family with those of its members that were tried."""
+    members = tuple(sorted(members_of(family.id) & _list_tried(comparison)))
+    return StatedFamily(family.id, family.words, family.place, probability, members)
 
 
 def _other_families(
