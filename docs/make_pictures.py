@@ -3,7 +3,8 @@
     python docs/make_pictures.py [OUT]
 
 It needs the extras `dev` and `view`, and an installed Chromium. tests/test_pictures.py makes them
-again and compares.
+again and compares. real-recording.png is made of a public set of recordings, which is diagnosed for
+some minutes: python docs/make_pictures.py OUT FOLDER, after `rfca-rig datasets get sines-both`.
 """
 
 import io
@@ -16,8 +17,14 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from PIL import Image, PngImagePlugin
 from playwright.sync_api import Browser, sync_playwright
+
+from rfca_rig.reports.style import MEASURED, OTHER, SIMULATED, drawing
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 WIDTH_PX = 1280
@@ -36,6 +43,9 @@ TEXT_WIDTH = (
     "e => { const range = document.createRange(); range.selectNodeContents(e); return "
     "range.getBoundingClientRect().width; }"
 )
+# Of the public set: a motion, and by which share the first bin of a stretch is off the even times.
+SHOWN_MOTION = "shoulder up to 0.6 N m, elbow 0.4"
+UNEVEN = 0.05
 # The page takes no message after that time, and so stands still.
 STAND_STILL = f"""() => {{
   const connection = rfcaView.connection, take = connection.take.bind(connection);
@@ -143,6 +153,61 @@ def draw_replay(browser: Browser, folder: Path, run: str, out: Path, every: int 
     )
 
 
+def draw_real_recording(experiment: Path, out: Path) -> None:
+    """A motion of a double pendulum that other people recorded, with both models; and how each
+    model predicts what was left out of its fit.
+    """
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        rfca_rig(folder, "diagnose", str(experiment.resolve()), "--out", "diagnosis")
+        signals = pd.read_csv(folder / "diagnosis" / "signals.csv")
+        errors = pd.read_csv(folder / "diagnosis" / "before-after.csv").set_index("difference")
+    with drawing():
+        figure = Figure(figsize=(9.6, 3.4), layout="constrained")
+        motion, bars = figure.subplots(1, 2, width_ratios=(3, 1))
+        draw_motion(motion, signals)
+        draw_errors(bars, errors)
+        figure.legend(frameon=False, fontsize=8.5, loc="outside upper left", ncols=3)
+        figure.savefig(out, dpi=133, metadata={"Software": None})
+
+
+def draw_motion(axes: Axes, signals: pd.DataFrame) -> None:
+    """The elbow in the motion that the uncorrected model misses most clearly."""
+    is_shown = signals["condition"].str.startswith(SHOWN_MOTION)
+    elbow = signals[is_shown & (signals["signal"] == "elbow_position_rad")]
+    # The models start anew at each stretch, where no line may join them. Bins are even within one.
+    t_s = elbow["t_s"].to_numpy()
+    steps_s = np.diff(t_s, prepend=t_s[0])
+    is_first = np.abs(steps_s - np.median(steps_s)) > UNEVEN * np.median(steps_s)
+    stretch = np.cumsum(is_first)
+    for name, label, style in (
+        ("amended", "model with the friction that was found", {"color": SIMULATED, "lw": 3.2}),
+        ("nominal", "published model without friction", {"color": OTHER, "lw": 1.2, "ls": "--"}),
+        ("measured", "measured", {"color": MEASURED, "lw": 1.2}),
+    ):
+        degrees = np.degrees(elbow[name].to_numpy())
+        for number in np.unique(stretch):
+            rows = stretch == number
+            first = number == stretch[0]
+            axes.plot(elbow["t_s"][rows], degrees[rows], label=label if first else None, **style)
+    axes.set_xlabel("time (s)")
+    axes.set_ylabel("angle of the elbow (deg)")
+
+
+def draw_errors(axes: Axes, errors: pd.DataFrame) -> None:
+    """Errors in stretches that were left out of the fit, with and without friction."""
+    names = ["shoulder position", "elbow position"]
+    before = np.degrees(errors.loc[names, "held_out_before"])
+    after = np.degrees(errors.loc[names, "held_out_after"])
+    places = np.arange(len(names))
+    for offset, values, colour in ((-0.2, before, OTHER), (0.2, after, SIMULATED)):
+        bars = axes.bar(places + offset, values, 0.36, color=colour)
+        axes.bar_label(bars, fmt="%.1f", fontsize=8.5)
+    axes.set_xticks(places, ["shoulder", "elbow"])
+    axes.set_title("left out of the fit", fontsize=9.2)
+    axes.set_ylabel("rms error (deg)")
+
+
 def _opened(png: bytes) -> Image.Image:
     return Image.open(io.BytesIO(png)).convert("RGB")
 
@@ -176,4 +241,8 @@ def main(out: Path, job: Path | None = None, every: int = 1) -> None:
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "pictures")
+    chosen = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent / "pictures"
+    if len(sys.argv) > 2:
+        draw_real_recording(Path(sys.argv[2]), chosen / "real-recording.png")
+    else:
+        main(chosen)

@@ -10,6 +10,7 @@ import sys
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rfca_rig.analysis.prediction import predict_stroke
@@ -167,6 +168,62 @@ def test_the_snippet_of_the_library_runs(clone):
         and len(names["table"]) == 1
         and (clone / "report" / "report.html").is_file()
     )
+
+
+def read_evidence():
+    """Right, wrong and silent of each row of the README's table, by the first number of the row's
+    label; empty cells count as 0.
+    """
+    rows = {}
+    for label, *cells in re.findall(
+        r"^\| (.*) \| (\d*) \| (\d*) \| (\d*) ?\|$", README, re.MULTILINE
+    ):
+        rows[int(re.search(r"\d+", re.sub(r"\([^)]*\)", "", label))[0])] = tuple(
+            int(c or 0) for c in cells
+        )
+    return rows
+
+
+def test_the_evidence_has_the_numbers_of_the_documents():
+    trust = (ROOT / "docs" / "how-far-to-trust-a-diagnosis.md").read_text(encoding="utf-8")
+    mechanisms = (ROOT / "docs" / "mechanisms.md").read_text(encoding="utf-8")
+    evidence = read_evidence()
+    assert len(evidence) == 6
+    # Real sets.
+    assert "In eight sets an effect or a family is reported. In six" in trust.replace("\n", " ")
+    assert evidence[14] == (8, 0, 6)
+    # Servos: right, family and silent of weights and arms, by size.
+    servos = re.findall(
+        r"^\| [^|]* \| (\d), (\d), (\d) \| (?:(\d), (\d), (\d)|none drawn) \|", trust, re.MULTILINE
+    )
+    counts = (
+        np.array([[int(cell or 0) for cell in row] for row in servos]).reshape(-1, 3).sum(axis=0)
+    )
+    assert evidence[28] == (counts[0] + counts[1], 0, counts[2])
+    assert "None of the 28 changes is misstated" in trust
+    # Legs of the blind benchmark.
+    assert "one detectable effect: is it or its family reported? | 95 % | 37 of 39 |" in trust
+    assert evidence[39] == (37, 0, 2)
+    # Arms and hoppers.
+    assert "Right or in its family are 82 of 99" in mechanisms and "Wrong are 2 of 99" in mechanisms
+    assert evidence[99] == (82, 2, 99 - 82 - 2)
+    # Newer cases: statements that are wrong, of both seeds.
+    wrong, of = np.array(read_pair(trust, "effect or family reported: is it wrong?")).sum(axis=0)
+    assert evidence[151] == (of - wrong, wrong, 0)
+    # Nothing hidden: legs, servos, arms and hoppers, newer legs and pendulums.
+    hidden = [(0, 104), (0, 12), (0, 51)]
+    assert "0 of 104" in trust and "12 pairs without a change" in trust
+    assert mechanisms.count("0 of 17") == 3
+    hidden += read_pair(trust, "nothing is missing in a leg: is an effect reported anyway?")
+    hidden += read_pair(trust, "nothing is missing in a pendulum: is an effect reported anyway?")
+    wrong, of = np.array(hidden).sum(axis=0)
+    assert evidence[309] == (of - wrong, wrong, 0)
+
+
+def read_pair(text, question):
+    """The last table row with this question and two answers, "k of n" for both seeds."""
+    rows = re.findall(rf"^\| {re.escape(question)} \|(.*)\|(.*)\|$", text, re.MULTILINE)
+    return [tuple(map(int, re.search(r"(\d+) of (\d+)", cell).groups())) for cell in rows[-1]]
 
 
 def test_the_readme_is_short_and_its_sentences_are_too():
