@@ -16,6 +16,7 @@ from rfca_rig.public_data.sources import (
 README = """{title}
 
 Recordings: https://github.com/{repository}, commit {commit}, licence {licence}.
+{credit}
 Changed: {changed}
 Omitted by the model: {concealed}
 Published: {published}
@@ -109,6 +110,7 @@ def write_set(public_set: PublicSet, recordings: Path, folder: Path) -> None:
         repository=source.repository,
         commit=source.commit,
         licence=source.licence,
+        credit=source.credit,
         changed=public_set.group.changed,
         concealed=public_set.concealed,
         published=public_set.published,

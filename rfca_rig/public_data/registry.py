@@ -30,6 +30,10 @@ class SourceRepository:
         The whole hash of the commit.
     licence
         SPDX identifier.
+    copyright
+        Year and owner, as the licence file states them.
+    publication
+        What the repository asks to cite or belongs to; empty where it names none.
     sha256
         SHA-256 of each file that is used, by its path in the repository.
     """
@@ -37,12 +41,20 @@ class SourceRepository:
     repository: str
     commit: str
     licence: str
+    copyright: str
+    publication: str
     sha256: Mapping[str, str]
 
     @property
     def url(self) -> str:
         """The page of the repository at this commit."""
         return f"https://github.com/{self.repository}/tree/{self.commit}"
+
+    @property
+    def credit(self) -> str:
+        """Owner and publication in a line."""
+        owner = f"Copyright (c) {self.copyright}"
+        return f"{owner}. Please cite: {self.publication}" if self.publication else owner
 
     def name_of(self, path: str) -> str:
         """OWNER/NAME/COMMIT/PATH of a file: its address below the server of raw files."""

@@ -22,7 +22,9 @@ CONTENT = "time,position,velocity,torque\n" + "".join(
 def use_made_up_set(monkeypatch, content=CONTENT):
     """A registry of one set, `simple` with a recording of this content; returns its source."""
     digest = hashlib.sha256(content.encode()).hexdigest()
-    source = SourceRepository("owner/name", "0" * 40, "MIT", {PATH: digest})
+    source = SourceRepository(
+        "owner/name", "0" * 40, "MIT", "2020 Somebody", "A paper", {PATH: digest}
+    )
     file = ConvertedFile("runs/ddp.csv", (PATH,), {})
     group = RecordingGroup("made/up", source, "simple pendulum", "nothing", (file,))
     made_up = PublicSet("simple", group, "test", "friction", "0.2 N m", ("joint_friction",))

@@ -38,7 +38,9 @@ def test_a_source_that_was_put_by_hand_becomes_a_folder_of_recordings(alone, mon
     assert lines == ["owner/name: results/swing.csv"]
     rows = (folder / "runs/ddp.csv").read_text(encoding="utf-8").splitlines()
     assert rows[:3] == ["time,position,velocity,torque", "0,0,1,1", "0.01,0.099833,0.995,1"]
-    assert "https://github.com/owner/name" in (folder / "README.txt").read_text(encoding="utf-8")
+    readme = (folder / "README.txt").read_text(encoding="utf-8")
+    assert "https://github.com/owner/name" in readme
+    assert "Copyright (c) 2020 Somebody. Please cite: A paper" in readme
     assert {path.name for path in folder.iterdir()} == {
         "README.txt",
         "experiment.toml",

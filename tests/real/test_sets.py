@@ -18,7 +18,7 @@ from tests.real.__main__ import SPLITS, closed_share, contradicts, count
 pytest.importorskip("mujoco")
 
 SETS = read_registry().sets
-SOURCE = SourceRepository("owner/name", "0" * 40, "MIT", {})
+SOURCE = SourceRepository("owner/name", "0" * 40, "MIT", "2020 Somebody", "", {})
 GROUP = RecordingGroup("made/up", SOURCE, "acrobot", "nothing", ())
 
 

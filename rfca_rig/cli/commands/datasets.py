@@ -31,6 +31,8 @@ def list_sets(as_json: Json = False) -> None:
                 "repository": public_set.group.source.repository,
                 "commit": public_set.group.source.commit,
                 "licence": public_set.group.source.licence,
+                "copyright": public_set.group.source.copyright,
+                "publication": public_set.group.source.publication,
                 "changed": public_set.group.changed,
                 "concealed": public_set.concealed,
                 "published": public_set.published,
@@ -43,7 +45,7 @@ def list_sets(as_json: Json = False) -> None:
     for name, public_set in sets.items():
         source = public_set.group.source
         echo(f"{name}: omits {public_set.concealed}")
-        echo(f"  github.com/{source.repository}, {source.licence}")
+        echo(f"  github.com/{source.repository}, {source.licence}, (c) {source.copyright}")
     echo("next: rfca-rig datasets get NAME", err=True)
 
 
