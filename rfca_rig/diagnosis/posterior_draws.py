@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.decision.decide import UNKNOWN
+from rfca_rig.diagnosis.decision.table import UNKNOWN
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import MapFit
 from rfca_rig.diagnosis.inference.parameterization import Parameterization, value_of

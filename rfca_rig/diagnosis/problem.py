@@ -22,7 +22,7 @@ from rfca_rig.analysis.fitting.space import Prior
 from rfca_rig.diagnosis.budget import UNLIMITED, TimeBudget
 from rfca_rig.diagnosis.config import SearchConfig
 from rfca_rig.diagnosis.data import Observations
-from rfca_rig.diagnosis.decision.decide import Decision
+from rfca_rig.diagnosis.decision.decision import Decision
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress
 from rfca_rig.diagnosis.residual_force.law import StatedLaw

@@ -22,7 +22,7 @@ from rfca_rig.diagnosis.config import (
     VISIBLE_PROBABILITY,
 )
 from rfca_rig.diagnosis.data import Label, Observations, rms
-from rfca_rig.diagnosis.decision.decide import HELD_OUT, STATED_GRADES, Decision
+from rfca_rig.diagnosis.decision.decision import HELD_OUT, STATED_GRADES, Decision
 from rfca_rig.diagnosis.decision.sizes import find_detection_limits, power_to_exclude
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.screening import make_projection

@@ -12,7 +12,7 @@ import numpy as np
 from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.description.rig_file import read_rig
-from rfca_rig.diagnosis.decision.decide import Decision
+from rfca_rig.diagnosis.decision.decision import Decision
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.inference.map_fit import GaussNewton
 from rfca_rig.diagnosis.inference.parameterization import EffectTerm, Parameterization

@@ -18,16 +18,16 @@ from rfca_rig.diagnosis.config import (
     MAX_COORDINATE,
     USUAL_MISFIT,
 )
-from rfca_rig.diagnosis.decision import decide, sizes
+from rfca_rig.diagnosis.decision import decide, families, sizes
 from rfca_rig.diagnosis.decision.comparison import Comparison, _without_unconfirmed, compare
-from rfca_rig.diagnosis.decision.decide import (
-    Supported,
-    _best_family,
-    _families_of_best,
+from rfca_rig.diagnosis.decision.decide import decide_from
+from rfca_rig.diagnosis.decision.decision import Supported
+from rfca_rig.diagnosis.decision.families import (
     _find_family_alike,
-    _name_families,
-    _other_families,
-    decide_from,
+    find_best_family,
+    find_other_families,
+    list_families,
+    name_families,
     support_of_best,
 )
 from rfca_rig.diagnosis.decision.sizes import estimate_sizes, widen
@@ -237,7 +237,7 @@ def test_two_estimates_of_one_deviation_are_not_added(gained, monkeypatch):
 
 def test_a_family_is_at_least_as_probable_as_an_effect_whose_class_it_holds(gained, monkeypatch):
     monkeypatch.setattr(
-        decide,
+        families,
         "calibration_of",
         lambda kind: SimpleNamespace(probability=lambda _: {"effect": 0.9, "family": 0.6}[kind]),
     )
@@ -470,7 +470,7 @@ def test_only_an_explanation_that_predicts_as_usual_lets_effects_be_excluded(gai
 def test_a_family_of_another_kind_of_rig_is_not_stated(gained):
     fluid = replace(gained.best, hypothesis=replace(gained.best.hypothesis, ids=("fluid_drag",)))
     comparison = _with(Comparison(gained.result, (fluid, gained.nothing)), "best", fluid)
-    assert set(_families_of_best(comparison)) == {"air_drag"}
+    assert set(list_families(comparison)) == {"air_drag"}
     pendulum = _with(
         Comparison(
             replace(gained.result, probes=tried("joint_dissipation")), (fluid, gained.nothing)
@@ -478,7 +478,7 @@ def test_a_family_of_another_kind_of_rig_is_not_stated(gained):
         "best",
         fluid,
     )
-    assert set(_families_of_best(pendulum)) == {
+    assert set(list_families(pendulum)) == {
         "air_drag",
         "joint_dissipation",
         "joint_loss_with_speed",
@@ -697,7 +697,7 @@ def test_an_effect_that_is_told_from_no_law_of_its_family_is_called_by_the_famil
 
 def test_a_family_stands_in_place_of_an_effect_and_beside_others(gained, monkeypatch):
     family = StatedFamily("sensor_scale", "the scale", "sensor", 0.93, ("sensor_gain",))
-    monkeypatch.setattr(decide, "_find_family_alike", lambda *_: family)
+    monkeypatch.setattr(families, "_find_family_alike", lambda *_: family)
     alone = graded(gained, 0.95, 0.95)
     assert (alone.grade, alone.effects, alone.family) == ("family", (), family)
     assert alone.probability == 0.93
@@ -706,24 +706,24 @@ def test_a_family_stands_in_place_of_an_effect_and_beside_others(gained, monkeyp
     lag = replace(effect, id="sensor_lag")
     both = replace(alone, grade="identified", effects=(effect, lag), family=None, probability=0.95)
     monkeypatch.setattr(
-        decide, "_find_family_alike", lambda *words: family if words[-1] is effect else None
+        families, "_find_family_alike", lambda *words: family if words[-1] is effect else None
     )
-    beside = _name_families(gained, (), both)
+    beside = name_families(gained, (), both)
     assert (beside.grade, beside.effects, beside.probability) == ("identified", (lag,), 0.95)
     assert beside.other_families[0] is family
     # A family to which another stated effect belongs would say what that effect says.
     member = replace(effect, id="sensor_crosstalk")
     wide = replace(family, members=("sensor_gain", "sensor_crosstalk"))
     monkeypatch.setattr(
-        decide, "_find_family_alike", lambda *words: wide if words[-1] is effect else None
+        families, "_find_family_alike", lambda *words: wide if words[-1] is effect else None
     )
     in_it = replace(both, effects=(effect, member))
-    assert _name_families(gained, (), in_it) is in_it
+    assert name_families(gained, (), in_it) is in_it
 
 
 def graded_without_families(gained, monkeypatch):
     """The decision with its effects, whatever looks alike."""
-    monkeypatch.setattr(decide, "_find_family_alike", lambda *_: None)
+    monkeypatch.setattr(families, "_find_family_alike", lambda *_: None)
     return graded(gained, 0.95, 0.95)
 
 
@@ -798,7 +798,7 @@ def test_of_two_families_that_are_as_probable_the_larger_is_stated(of_memory, ex
         Supported("family", name, p, ALONE)
         for name, p in (("hinge_dissipation", 0.85), ("spring_memory", of_memory))
     ]
-    assert _best_family(comparison, supported, comparison.best.ids).id == expected
+    assert find_best_family(comparison, supported, comparison.best.ids).id == expected
 
 
 @pytest.mark.parametrize(
@@ -817,8 +817,8 @@ def test_the_families_of_all_parts_of_an_explanation_are_stated_where_they_are_s
         Supported("family", name, p, ALONE)
         for name, p in (("body_mass", of_mass), ("joint_dissipation", of_losses))
     ]
-    first = _best_family(comparison, supported, best.ids)
-    others = _other_families(comparison, supported, first.members)
+    first = find_best_family(comparison, supported, best.ids)
+    others = find_other_families(comparison, supported, first.members)
     assert [family.id for family in others] == expected
 
 

@@ -8,7 +8,8 @@ from rfca_rig.analysis.fitting.parameters import ModelPoint
 from rfca_rig.analysis.repeats import group_by_condition
 from rfca_rig.diagnosis.config import DEFAULT_SEARCH
 from rfca_rig.diagnosis.data import rms
-from rfca_rig.diagnosis.decision.decide import decide, join_decisions
+from rfca_rig.diagnosis.decision.decide import decide
+from rfca_rig.diagnosis.decision.joined import join_decisions
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.leg.drive_search import list_drive_effects, search_drive
 from rfca_rig.diagnosis.leg.result import _describe_delay, _with_delay

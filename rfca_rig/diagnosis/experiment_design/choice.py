@@ -34,7 +34,7 @@ from rfca_rig.diagnosis.config import (
     USUAL_ERROR,
     WIDE_STEP,
 )
-from rfca_rig.diagnosis.decision.decide import Decision
+from rfca_rig.diagnosis.decision.decision import Decision
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.likelihood.covariance import discrepancy_covariance
 from rfca_rig.diagnosis.simulator import ConditionData, Dataset

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rfca_rig.diagnosis.decision.decide import Decision
+from rfca_rig.diagnosis.decision.decision import Decision
 from rfca_rig.diagnosis.experiment_design.choice import (
     SET_UP_MIN,
     ExperimentDesign,

@@ -9,7 +9,8 @@ from typing import TypeVar
 import numpy as np
 
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
-from rfca_rig.diagnosis.decision.decide import Decision, join_decisions
+from rfca_rig.diagnosis.decision.decision import Decision
+from rfca_rig.diagnosis.decision.joined import join_decisions
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis, ModelSelectionResult
 from rfca_rig.diagnosis.leg.findings import LegFindings, add_drive
 from rfca_rig.diagnosis.leg.left_out import predict_left_out

@@ -11,7 +11,8 @@ from rfca_rig.campaign.pendulum import is_pendulum
 from rfca_rig.diagnosis.budget import UNLIMITED, TimeBudget
 from rfca_rig.diagnosis.config import DEFAULT_SEARCH, FEWEST_CONDITIONS
 from rfca_rig.diagnosis.data import WINDOWS_OF_CONDITION
-from rfca_rig.diagnosis.decision.decide import Decision, decide
+from rfca_rig.diagnosis.decision.decide import decide
+from rfca_rig.diagnosis.decision.decision import Decision
 from rfca_rig.diagnosis.experiment_design.mechanism_experiment import (
     propose_motion,
     write_excitation,

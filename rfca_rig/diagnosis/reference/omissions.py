@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from rfca_rig.analysis.fitting.space import FitParameter, Prior
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS
-from rfca_rig.diagnosis.decision.decide import STATED_GRADES, decide
+from rfca_rig.diagnosis.decision.decide import decide
+from rfca_rig.diagnosis.decision.decision import STATED_GRADES
 from rfca_rig.diagnosis.inference.hypotheses import Hypothesis
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import (

@@ -8,7 +8,8 @@ from typing import Any
 from rfca_rig.diagnosis.budget import UNLIMITED, TimeBudget
 from rfca_rig.diagnosis.config import FEWEST_CONDITIONS, USUAL_ERROR
 from rfca_rig.diagnosis.data import rms, unit_of
-from rfca_rig.diagnosis.decision.decide import STATED_GRADES, Decision, decide, withhold
+from rfca_rig.diagnosis.decision.decide import decide, withhold
+from rfca_rig.diagnosis.decision.decision import STATED_GRADES, Decision
 from rfca_rig.diagnosis.inference.hypotheses import ModelSelectionResult
 from rfca_rig.diagnosis.inference.model_selection import Progress, search_models
 from rfca_rig.diagnosis.inference.parameterization import Parameterization

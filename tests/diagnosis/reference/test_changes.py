@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rfca_rig.diagnosis.config import DEFAULT_SEARCH
-from rfca_rig.diagnosis.decision.decide import HELD_OUT, PLAUSIBLE, PROBABLE, Decision
+from rfca_rig.diagnosis.decision.decision import HELD_OUT, PLAUSIBLE, PROBABLE, Decision
 from rfca_rig.diagnosis.problem import Problem, RecordingPair
 from rfca_rig.diagnosis.reference import problem
 from rfca_rig.diagnosis.reference.conditions import ReferenceParts, compare_with_reference
