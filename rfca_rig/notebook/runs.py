@@ -35,11 +35,16 @@ def runs(folder: str | Path = "runs") -> "pandas.DataFrame":
         Where there is no such folder.
     """
     below = Path(folder)
-    rows = []
-    for entry in list_runs(below, measure_s=measure_seconds):
-        path = below / entry.folder
-        rows.append({**_describe(path, entry), **_select_short(path, entry)})
+    rows = [
+        describe_run(below / entry.folder, entry)
+        for entry in list_runs(below, measure_s=measure_seconds)
+    ]
     return make_frame(rows, ("run", "began", "title", "source", "kind", "ended"))
+
+
+def describe_run(path: Path, entry: Entry) -> dict[str, Any]:
+    """The row of the run in the folder `path`, of which the logbook has `entry`."""
+    return {**_describe(path, entry), **_select_short(path, entry)}
 
 
 def _describe(path: Path, entry: Entry) -> dict[str, Any]:
