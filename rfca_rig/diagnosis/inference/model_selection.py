@@ -538,6 +538,7 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
     fitted = [fit.coordinates.choices for fit in state.fits]
     known = {frozenset(terms) for terms in fitted if len(terms) > 1}
     wanted = [start for start in starts if frozenset(start.terms) not in known]
+    without = state.coarse.free_log_evidence(_restrict(state.nothing, state))
 
     def fit_coarsely(start: FitStart) -> tuple[float, Floats] | None:
         if state.budget.is_spent:
@@ -545,6 +546,10 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
         fit = _fit(state.coarse, state, start, 2)
         if fit is None:
             return None
+        # Effects contain the model without them. A fit that is worse has not arrived, for example
+        # in the valley where larger masses make up for larger torques.
+        if state.coarse.free_log_evidence(fit) < without:
+            fit = state.coarse.converge(fit)
         return (state.coarse.free_log_evidence(fit), fit.x)
 
     best_of_set: dict[frozenset[EffectTerm], tuple[float, FitStart]] = {}
