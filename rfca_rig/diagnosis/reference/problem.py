@@ -325,8 +325,10 @@ class ReferenceProblem(Problem):
         shared: tuple[str, ...] = ()
         if not is_matched and decision.grade in STATED_GRADES:
             shared = find_shared_effects(decision.explanation, compared, fit)
-            # What the model lacks does not cancel there, and an effect may take its place.
-            if shared or decision.fits_poorly:
+            # What the model lacks does not cancel there, and an effect may take its place. The
+            # priors are those of the reference's motions: that a nominal value would have to leave
+            # them shows the model's error as well as a change.
+            if shared or decision.fits_poorly or decision.relieved_strain:
                 decision = withhold(decision, search)
         finding = DecidedSearch(effects, search, decision)
         return ReferenceSolution(

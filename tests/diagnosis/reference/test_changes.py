@@ -302,6 +302,33 @@ def test_an_explanation_that_fits_poorly_is_not_stated_in_other_motions(
     assert decision.closest.ids == ("extra_mass",)
 
 
+def relieve(monkeypatch):
+    """Has every statement rest on an implausible value in its place."""
+    decide = problem.decide
+    monkeypatch.setattr(
+        problem, "decide", lambda found: replace(decide(found), relieved_strain="mass +4.0 off")
+    )
+
+
+def test_what_replaces_an_implausible_value_is_not_stated_in_other_motions(
+    rubbing_reference, monkeypatch
+):
+    relieve(monkeypatch)
+    solution = decided(record(OTHERS, rub, seed=2, mass_kg=1.1), rubbing_reference)
+    decision = solution.finding.decision
+    assert decision.grade == "unexplained"
+    assert not decision.effects
+    assert decision.closest.ids == ("extra_mass",)
+
+
+def test_what_replaces_an_implausible_value_is_stated_in_the_same_motions(
+    rubbing_reference, monkeypatch
+):
+    relieve(monkeypatch)
+    solution = decided(record(SHAKEN, lambda v: 2.0 * rub(v), seed=2), rubbing_reference)
+    assert [effect.id for effect in solution.finding.decision.effects] == ["coulomb"]
+
+
 def test_in_the_same_motions_a_poor_fit_is_graded_as_without_a_reference(
     rubbing_reference, monkeypatch
 ):
