@@ -171,16 +171,13 @@ def test_the_snippet_of_the_library_runs(clone):
 
 
 def read_evidence():
-    """Right, wrong and silent of each row of the README's table, by the first number of the row's
-    label; empty cells count as 0.
+    """Effects, families, wrong and silent of each row of the README's table, by the first number of
+    the row's label.
     """
     rows = {}
-    for label, *cells in re.findall(
-        r"^\| (.*) \| (\d*) \| (\d*) \| (\d*) ?\|$", README, re.MULTILINE
-    ):
-        rows[int(re.search(r"\d+", re.sub(r"\([^)]*\)", "", label))[0])] = tuple(
-            int(c or 0) for c in cells
-        )
+    for label, *cells in re.findall(r"^\| (.*)" + 4 * r" \| (\d+)" + r" \|$", README, re.MULTILINE):
+        words = re.sub(r"\([^)]*\)", "", label)
+        rows[int(re.search(r"\d+", words)[0])] = tuple(map(int, cells))
     return rows
 
 
@@ -188,28 +185,39 @@ def test_the_evidence_has_the_numbers_of_the_documents():
     trust = (ROOT / "docs" / "how-far-to-trust-a-diagnosis.md").read_text(encoding="utf-8")
     mechanisms = (ROOT / "docs" / "mechanisms.md").read_text(encoding="utf-8")
     evidence = read_evidence()
-    assert len(evidence) == 6
-    # Real sets.
+    assert len(evidence) == 4
+    assert all(sum(counts) == cases for cases, counts in evidence.items())
+    # Real sets: in the table of answers an effect, or only a family.
     assert "In eight sets an effect or a family is reported. In six" in trust.replace("\n", " ")
-    assert evidence[14] == (8, 0, 6)
+    grades = {}
+    for sets, before, now in re.findall(
+        r"^\| ((?:`[\w-]+`(?:, )?)+) \| ([^|]*) \| ([^|]*) \|$", trust, re.MULTILINE
+    ):
+        answer = before if now == "the same" or now.startswith("the same (") else now
+        grades.update(dict.fromkeys(re.findall(r"`([\w-]+)`", sets), answer))
+    families = [name for name, answer in grades.items() if answer.startswith("family")]
+    assert len(grades) == 14
+    assert evidence[14] == (8 - len(families), len(families), 0, 6)
     # Servos: right, family and silent of weights and arms, by size.
-    servos = re.findall(
-        r"^\| [^|]* \| (\d), (\d), (\d) \| (?:(\d), (\d), (\d)|none drawn) \|", trust, re.MULTILINE
-    )
-    counts = (
-        np.array([[int(cell or 0) for cell in row] for row in servos]).reshape(-1, 3).sum(axis=0)
-    )
-    assert evidence[28] == (counts[0] + counts[1], 0, counts[2])
+    cells = r"(\d), (\d), (\d)"
+    servos = re.findall(rf"^\| [^|]* \| {cells} \| (?:{cells}|none drawn) \|", trust, re.MULTILINE)
+    counts = np.array([[int(cell or 0) for cell in row] for row in servos])
+    right, family, silent = counts.reshape(-1, 3).sum(axis=0)
+    assert evidence[28] == (right, family, 0, silent)
     assert "None of the 28 changes is misstated" in trust
     # Legs of the blind benchmark.
+    assert "one detectable effect: is exactly it reported? | 95 % | **36 of 39** |" in trust
     assert "one detectable effect: is it or its family reported? | 95 % | 37 of 39 |" in trust
-    assert evidence[39] == (37, 0, 2)
-    # Arms and hoppers.
-    assert "Right or in its family are 82 of 99" in mechanisms and "Wrong are 2 of 99" in mechanisms
-    assert evidence[99] == (82, 2, 99 - 82 - 2)
+    assert evidence[39] == (36, 1, 0, 2)
+    # Arms and hoppers: of those that are right, the families.
+    row = re.search(r"one effect: right, of these as its family \| 85 % \|(.*)", mechanisms)[1]
+    right_and_family = re.findall(r"\*\*(\d+) of 33\*\*, (\d+)", row)
+    right, family = np.array(right_and_family, dtype=int).sum(axis=0)
+    assert evidence[99] == (right - family, family, 2, 99 - right - 2)
+    assert "Wrong are 2 of 99" in mechanisms
     # Newer cases: statements that are wrong, of both seeds.
     wrong, of = np.array(read_pair(trust, "effect or family reported: is it wrong?")).sum(axis=0)
-    assert evidence[151] == (of - wrong, wrong, 0)
+    assert f"{wrong} of {of}\nstatements are wrong" in README
     # Nothing hidden: legs, servos, arms and hoppers, newer legs and pendulums.
     hidden = [(0, 104), (0, 12), (0, 51)]
     assert "0 of 104" in trust and "12 pairs without a change" in trust
@@ -217,7 +225,7 @@ def test_the_evidence_has_the_numbers_of_the_documents():
     hidden += read_pair(trust, "nothing is missing in a leg: is an effect reported anyway?")
     hidden += read_pair(trust, "nothing is missing in a pendulum: is an effect reported anyway?")
     wrong, of = np.array(hidden).sum(axis=0)
-    assert evidence[309] == (of - wrong, wrong, 0)
+    assert f"With nothing hidden, {wrong} of {of} simulated cases has a statement" in README
 
 
 def read_pair(text, question):
