@@ -327,8 +327,10 @@ class ReferenceProblem(Problem):
             shared = find_shared_effects(decision.explanation, compared, fit)
             # What the model lacks does not cancel there, and an effect may take its place. The
             # priors are those of the reference's motions: that a nominal value would have to leave
-            # them shows the model's error as well as a change.
-            if shared or decision.fits_poorly or decision.relieved_strain:
+            # them shows the model's error as well as a change. What is identified needs no such
+            # reason.
+            only_relieves = decision.relieved_strain and decision.grade != "identified"
+            if shared or decision.fits_poorly or only_relieves:
                 decision = withhold(decision, search)
         finding = DecidedSearch(effects, search, decision)
         return ReferenceSolution(

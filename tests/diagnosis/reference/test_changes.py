@@ -302,29 +302,36 @@ def test_an_explanation_that_fits_poorly_is_not_stated_in_other_motions(
     assert decision.closest.ids == ("extra_mass",)
 
 
-def relieve(monkeypatch):
-    """Has every statement rest on an implausible value in its place."""
+def relieve(monkeypatch, grade):
+    """Has every statement take the place of an implausible value."""
     decide = problem.decide
     monkeypatch.setattr(
-        problem, "decide", lambda found: replace(decide(found), relieved_strain="mass +4.0 off")
+        problem,
+        "decide",
+        lambda found: replace(decide(found), relieved_strain="mass +4.0 off", grade=grade),
     )
 
 
-def test_what_replaces_an_implausible_value_is_not_stated_in_other_motions(
-    rubbing_reference, monkeypatch
+@pytest.mark.parametrize("grade", ["mostly", "identified"])
+def test_what_only_replaces_an_implausible_value_is_not_stated_in_other_motions(
+    rubbing_reference, monkeypatch, grade
 ):
-    relieve(monkeypatch)
+    """What is identified is not stated for that reason."""
+    relieve(monkeypatch, grade)
     solution = decided(record(OTHERS, rub, seed=2, mass_kg=1.1), rubbing_reference)
     decision = solution.finding.decision
-    assert decision.grade == "unexplained"
-    assert not decision.effects
-    assert decision.closest.ids == ("extra_mass",)
+    if grade == "identified":
+        assert [effect.id for effect in decision.effects] == ["extra_mass"]
+    else:
+        assert decision.grade == "unexplained"
+        assert not decision.effects
+        assert decision.closest.ids == ("extra_mass",)
 
 
 def test_what_replaces_an_implausible_value_is_stated_in_the_same_motions(
     rubbing_reference, monkeypatch
 ):
-    relieve(monkeypatch)
+    relieve(monkeypatch, "mostly")
     solution = decided(record(SHAKEN, lambda v: 2.0 * rub(v), seed=2), rubbing_reference)
     assert [effect.id for effect in solution.finding.decision.effects] == ["coulomb"]
 
