@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -313,3 +314,18 @@ def test_a_nominal_model_that_cannot_be_simulated_is_said_so(monkeypatch):
     monkeypatch.setattr("rfca_rig.diagnosis.inference.map_fit.GaussNewton.at", lambda *_: None)
     with pytest.raises(SimulationFailed, match="decimal point"):
         search(())
+
+
+@pytest.mark.parametrize(("evidence", "is_converged"), [(9.0, True), (10.0, False), (12.0, False)])
+def test_a_fit_that_is_worse_than_none_is_converged(monkeypatch, evidence, is_converged):
+    fit = Mock()
+    state = Mock()
+    state.coarse.free_log_evidence.return_value = evidence
+    monkeypatch.setattr(model_selection, "_fit", lambda *_: fit)
+    fitted = model_selection._fit_on_subset(state, Mock(), 10.0)
+    assert fitted is (state.coarse.converge.return_value if is_converged else fit)
+
+
+def test_where_the_model_has_no_answer_nothing_is_converged(monkeypatch):
+    monkeypatch.setattr(model_selection, "_fit", lambda *_: None)
+    assert model_selection._fit_on_subset(Mock(), Mock(), 10.0) is None

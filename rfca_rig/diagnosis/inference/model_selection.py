@@ -543,13 +543,9 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
     def fit_coarsely(start: FitStart) -> tuple[float, Floats] | None:
         if state.budget.is_spent:
             return None
-        fit = _fit(state.coarse, state, start, 2)
+        fit = _fit_on_subset(state, start, without)
         if fit is None:
             return None
-        # Effects contain the model without them. A fit that is worse has not arrived, for example
-        # in the valley where larger masses make up for larger torques.
-        if state.coarse.free_log_evidence(fit) < without:
-            fit = state.coarse.converge(fit)
         return (state.coarse.free_log_evidence(fit), fit.x)
 
     best_of_set: dict[frozenset[EffectTerm], tuple[float, FitStart]] = {}
@@ -568,6 +564,18 @@ def _fit_best(state: SearchState, starts: Sequence[FitStart], full: int) -> Sear
         if rank < ALWAYS_FITTED or gain > ranked[0][0] - CLOSE_LOG_EVIDENCE:
             near.append(start)
     return state.with_fits(_fit_all(state, near))
+
+
+def _fit_on_subset(state: SearchState, start: FitStart, without: float) -> MapFit | None:
+    """MAP fit on the subset; None where the model has no answer.
+
+    Effects contain the model without them, which has the log evidence `without`. A fit that is
+    worse has not arrived, for example in the valley where larger masses make up for larger torques.
+    """
+    fit = _fit(state.coarse, state, start, 2)
+    if fit is None or state.coarse.free_log_evidence(fit) >= without:
+        return fit
+    return state.coarse.converge(fit)
 
 
 def _fit_all(state: SearchState, starts: Sequence[FitStart]) -> list[MapFit]:
