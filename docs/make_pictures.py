@@ -175,7 +175,7 @@ def draw_motion(axes: Axes, signals: pd.DataFrame) -> None:
     """The elbow in the motion that the uncorrected model misses most clearly."""
     is_shown = signals["condition"].str.startswith(SHOWN_MOTION)
     elbow = signals[is_shown & (signals["signal"] == "elbow_position_rad")]
-    # The models start anew at each stretch, where no line may join them. Bins are even within one.
+    # Each stretch starts from the recording, so no line may join two. Bins are even within one.
     t_s = elbow["t_s"].to_numpy()
     steps_s = np.diff(t_s, prepend=t_s[0])
     is_first = np.abs(steps_s - np.median(steps_s)) > UNEVEN * np.median(steps_s)

@@ -201,8 +201,8 @@ def test_the_evidence_has_the_numbers_of_the_documents():
     # Servos: right, family and silent of weights and arms, by size.
     cells = r"(\d), (\d), (\d)"
     servos = re.findall(rf"^\| [^|]* \| {cells} \| (?:{cells}|none drawn) \|", trust, re.MULTILINE)
-    counts = np.array([[int(cell or 0) for cell in row] for row in servos])
-    right, family, silent = counts.reshape(-1, 3).sum(axis=0)
+    counts = [int(cell or 0) for row in servos for cell in row]
+    right, family, silent = np.reshape(counts, (-1, 3)).sum(axis=0)
     assert evidence[28] == (right, family, 0, silent)
     assert "None of the 28 changes is misstated" in trust
     # Legs of the blind benchmark.

@@ -40,7 +40,7 @@ def catalogue(folder: str | Path = "runs") -> MapAdapter:
     have is absent, because Tiled cannot compare a missing value. A stroke's key is its number in
     run.h5: `001` is `to_xarray(0)`.
 
-    Runs are listed anew with every search, so that a run which began meanwhile is there.
+    Runs are listed again with every search, so that a run which began meanwhile is there.
 
     Parameters
     ----------
@@ -140,5 +140,6 @@ class _Strokes(Mapping[str, Any]):
 
 
 @lru_cache(maxsize=MOST_OPEN)
-def _open(path: Path, entry: Entry) -> OpenedRecordings:  # noqa: ARG001  (the entry is part of the key)
+def _open(path: Path, entry: Entry) -> OpenedRecordings:  # noqa: ARG001
+    # The entry is part of the key: a run that has changed is opened again.
     return open_path(path)

@@ -64,6 +64,7 @@ class Curve:
 
 
 def factored(factor: float) -> Tolerance:
+    """The usual tolerance times a factor."""
     return Tolerance(factor * Tolerance().angle_rad, factor * Tolerance().speed_rad_s)
 
 

@@ -38,10 +38,10 @@ from matplotlib.figure import Figure
 from rfca_rig.analysis.mujoco_leg import stroke_in_mujoco
 from rfca_rig.analysis.phases import find_valley
 from rfca_rig.errors import SimulationFailed
-from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.protocol.experiments import PlannedCondition
 from rfca_rig.reports.style import FAINT, STYLE
+from tests.benchmarks.convergence import factored
 from tests.benchmarks.mujoco import CONDITIONS, times_s
 from tests.model.scipy_stroke import ICE, solve_stroke
 
@@ -105,10 +105,8 @@ def grid_s(condition: PlannedCondition) -> np.ndarray:
 
 def solve_here(condition: PlannedCondition, factor: float) -> Forces:
     """This model at its usual tolerance times a factor."""
-    usual = Tolerance()
-    tolerance = Tolerance(factor * usual.angle_rad, factor * usual.speed_rad_s)
     stroke = simulate_stroke_at_speed(
-        ICE, condition.height_m, condition.speed_rad_s, grid_s(condition), tolerance
+        ICE, condition.height_m, condition.speed_rad_s, grid_s(condition), factored(factor)
     )
     return Forces(stroke.normal_N.sum(axis=1), stroke.fz_N, stroke.steps + stroke.rejected_steps)
 
@@ -130,7 +128,7 @@ def solve_in_mujoco(integrator: str, condition: PlannedCondition, step_s: float)
 
 
 def solve_in_exudyn(condition: PlannedCondition, step_s: float) -> Forces:
-    """Exudyn; building its model is not counted, as for the others a stroke includes it."""
+    """Exudyn; building its model is not counted, although the others' times include theirs."""
     from tests.benchmarks.exudyn_leg import ExudynLeg
 
     t_s = grid_s(condition)
@@ -254,16 +252,24 @@ def write_points(points: Sequence[Point], path: Path) -> None:
         rows = csv.writer(file, lineterminator="\n")
         rows.writerow(field.name for field in fields(Point))
         for point in points:
-            cells = (f"{cell:.4g}" if isinstance(cell, float) else cell for cell in astuple(point))
-            rows.writerow(cells)
+            rows.writerow(format_number(cell) for cell in astuple(point))
+
+
+def format_number(cell: str | float) -> str | float:
+    """A cell of the table: four digits of a measured value, anything else as it is."""
+    return f"{cell:.4g}" if isinstance(cell, float) else cell
 
 
 def read_points(path: Path) -> list[Point]:
     """What `write_points` wrote."""
     lines = path.read_text(encoding="utf-8").splitlines()
     rows = csv.DictReader(line for line in lines if not line.startswith("#"))
-    types = {field.name: field.type for field in fields(Point)}
-    return [Point(**{name: types[name](cell) for name, cell in row.items()}) for row in rows]
+    types = [field.type for field in fields(Point)]
+    points = []
+    for row in rows:
+        cells = zip(types, row.values(), strict=True)
+        points.append(Point(*(convert(cell) for convert, cell in cells)))
+    return points
 
 
 def describe_machine() -> str:

@@ -33,6 +33,7 @@ from rfca_rig.errors import SimulationFailed
 from rfca_rig.model.chain import Tolerance
 from rfca_rig.model.stroke import simulate_stroke_at_speed
 from rfca_rig.protocol.experiments import PlannedCondition
+from tests.benchmarks.convergence import factored
 from tests.model.legs import PAPER
 from tests.model.scipy_stroke import ICE, solve_stroke
 
@@ -244,7 +245,7 @@ def speed(rounds: int) -> None:
             for one, truth in zip(contestants, truths, strict=True)
         ]
         factor = loosest_factor(which)
-        mine, loosest, *others = _mean_times_s(contestants, steps_s, _loosened(factor), rounds)
+        mine, loosest, *others = _mean_times_s(contestants, steps_s, factored(factor), rounds)
         print(
             f"{said}; this model at its default tolerance {1e3 * mine:.2f} ms, {factor} "
             f"times looser passes too, {1e3 * loosest:.2f} ms"
@@ -279,16 +280,12 @@ def loosest_factor(which: slice) -> int:
     passing = 1
     for factor in (1, 2, 3, 5, 10, 20, 30, 50, 100):
         if any(
-            (np.abs(_our_peaks(one, _loosened(factor)) / true - 1.0)[which] >= 0.01).any()
+            (np.abs(_our_peaks(one, factored(factor)) / true - 1.0)[which] >= 0.01).any()
             for one, true in zip(CONDITIONS, truth, strict=True)
         ):
             break
         passing = factor
     return passing
-
-
-def _loosened(factor: float) -> Tolerance:
-    return Tolerance(factor * Tolerance().angle_rad, factor * Tolerance().speed_rad_s)
 
 
 def _our_peaks(condition: PlannedCondition, tolerance) -> np.ndarray:

@@ -23,11 +23,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ellipj, ellipk
 
-from rfca_rig.model.chain import LONGEST_STEP_S, Tolerance, make_chain
+from rfca_rig.model.chain import LONGEST_STEP_S, make_chain
 from rfca_rig.model.kernel.integrator import FIRST_STEP_S
 from rfca_rig.model.kernel.state import Chain
 from rfca_rig.model.parameters import GRAVITY_M_S2
-from tests.benchmarks.convergence import free_motion
+from tests.benchmarks.convergence import factored, free_motion
 from tests.benchmarks.equal_error import describe_machine
 from tests.model.legs import NO_GROUND_M, pendulum
 
@@ -69,10 +69,8 @@ def solve_exactly(t_s: np.ndarray) -> np.ndarray:
 
 def swing(t_s: np.ndarray, factor: float) -> tuple[Accuracy, float]:
     """Accuracy at times (m,), and the mean step in s."""
-    usual = Tolerance()
-    tolerance = Tolerance(factor * usual.angle_rad, factor * usual.speed_rad_s)
     samples, step_s = free_motion(
-        make_pendulum(), [0.0], t_s, tolerance, FIRST_STEP_S, LONGEST_STEP_S
+        make_pendulum(), [0.0], t_s, factored(factor), FIRST_STEP_S, LONGEST_STEP_S
     )
     below = samples.q[:, 0]  # the angle from the horizontal
     place = LENGTH_M * np.column_stack([np.cos(below), -np.sin(below)])

@@ -22,7 +22,7 @@ def handlers() -> list[object]:
 
 @pytest.fixture(autouse=True)
 def _default_handlers():
-    """Whoever started the tests may ignore some signals, as nohup does."""
+    """The program that started the tests may ignore some signals, as nohup does."""
     before = [signal.signal(number, signal.SIG_DFL) for number in SIGNALS]
     yield
     for number, handler in zip(SIGNALS, before, strict=True):

@@ -188,7 +188,10 @@ def _find_family_alike(
         return None
     # A variant that is told apart, as a law in one joint alone, says nothing against the law.
     told_apart = comparison.laws_of(comparison.tells_from(effect.id)) - laws_alike
-    probabilities = {support.id: support.probability for support in supported}
+    # An effect and a family may share their id.
+    probabilities = {
+        support.id: support.probability for support in supported if support.kind == "family"
+    }
     for family in sorted(list_families(comparison).values(), key=_count_members):
         members = members_of(family.id)
         is_whole = alike <= members and told_apart.isdisjoint(members)
